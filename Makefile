@@ -1,0 +1,68 @@
+# modlhmp: `make reproduce` and `make test` are all a newcomer needs. `make help` lists the rest.
+SHELL := /bin/bash
+PYTHON ?= python3.11
+CORES ?= 2
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+# Everything a run writes outside the project stays in it: numba's kernels are compiled once, here.
+export NUMBA_CACHE_DIR ?= $(CURDIR)/.cache/numba
+export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
+export PYTHONHASHSEED ?= 0
+
+.PHONY: help environment reproduce test test-full lint lock bench clean
+
+help:                     ## this list
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+environment: .venv/ready  ## .venv from environment.lock (hash-checked) and this package
+
+.venv/ready: environment.lock pyproject.toml
+	@python=$$(command -v $(PYTHON) || command -v python3 || true); \
+	if [ -z "$$python" ] || ! "$$python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then \
+	    echo "modlhmp needs Python 3.11 and found $$([ -n "$$python" ] && "$$python" --version || echo none)." >&2; \
+	    echo "Install it (Debian: apt install python3.11 python3.11-venv) or name it: make PYTHON=/path/to/python3.11" >&2; \
+	    exit 1; fi; \
+	"$$python" -m venv --clear .venv || { \
+	    echo "Could not make .venv: the venv module is missing (Debian: apt install python3.11-venv)." >&2; exit 1; }
+	@# PyTorch's CPU wheel comes first and from its own index, which nothing else then has to be looked up in.
+	sed -n '/^torch==/,$$p' environment.lock > .venv/torch.lock
+	$(PIP) --require-hashes --no-deps --extra-index-url https://download.pytorch.org/whl/cpu -r .venv/torch.lock
+	$(PIP) --require-hashes -r environment.lock
+	$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+
+reproduce: environment    ## demo recordings -> every table and figure
+	$(BIN)/snakemake --cores $(CORES)
+
+test: environment lint    ## lint, unit, reference, fault and workflow tests
+	$(BIN)/python -m pytest -n $(CORES) -m "not full"
+
+test-full: environment lint  ## the same and the long checks
+	$(BIN)/python -m pytest -n $(CORES)
+
+lint: environment         ## ruff, snakefmt, snakemake --lint
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/snakefmt --check Snakefile workflow
+	$(BIN)/snakemake --lint
+
+bench: environment        ## speed and memory, as ratios in one run -> results/bench.json
+	$(BIN)/python benchmarks/run.py
+
+# uv resolves everything but torch (its plain wheel draws 20 GPU packages); the CPU wheel is appended by hash.
+TORCH := torch==2.13.0 ; sys_platform == "linux" and platform_machine == "x86_64" and python_version == "3.11"
+TORCH_HASH := 6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b
+TORCH_NEEDS := filelock fsspec jinja2 networkx sympy typing-extensions
+
+lock:                     ## environment.lock anew from pyproject.toml (needs uv)
+	@command -v uv >/dev/null || { echo "make lock needs uv: pip install uv" >&2; exit 1; }
+	printf '%s\n' $(TORCH_NEEDS) | uv pip compile --quiet --generate-hashes --universal --python-version 3.11 \
+	    --no-header --emit-build-options --extra workflow --extra dev pyproject.toml - -o environment.lock.new
+	{ printf '%s\n' '# Made by `make lock` from pyproject.toml; every package is checked by hash.' \
+	      '# torch, the last entry, is the CPU wheel of https://download.pytorch.org/whl/cpu'; \
+	  cat environment.lock.new; \
+	  printf '%s \\\n    --hash=sha256:%s\n' '$(TORCH)' '$(TORCH_HASH)'; } > environment.lock
+	rm environment.lock.new
+
+clean:                    ## remove all that runs have written (not .venv, not recordings of yours)
+	rm -rf results/* resources/demo .snakemake .cache paper_figures/*/

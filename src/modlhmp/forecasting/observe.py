@@ -1,0 +1,62 @@
+"""What a forecaster may see: the first rows of a track, and the walker's current velocity.
+
+Paper Sec. III-A: a weighted mean of the last velocities with a Gaussian kernel of sigma = 1.5 steps, as in the
+ATLAS benchmark (A. Rudenko et al., 2022); the weights are normalised to sum 1.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from modlhmp.cleaning import MAX_GAP_S
+
+SIGMA_STEPS = 1.5
+
+
+class Observed(NamedTuple):
+    """Observed rows of n tracks, the last one at t0: [n, rows] each, `track_id` [n]; speeds may be NaN."""
+
+    track_id: np.ndarray
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    speed: np.ndarray
+    heading: np.ndarray
+
+
+def usable_tracks(tracks, observed_rows=4):
+    """First and last row of every usable track: more rows than are observed and no gap over 5 s; [n, 2]."""
+    bounds = tracks.bounds()
+    first, last = bounds[:-1], bounds[1:] - 1
+    gaps = np.zeros(len(tracks.t), bool)
+    gaps[1:] = (np.diff(tracks.t) > MAX_GAP_S) & (np.diff(tracks.track_id) == 0)
+    gap_sum = np.concatenate([[0], np.cumsum(gaps)])
+    usable = (last - first >= observed_rows) & (gap_sum[last + 1] == gap_sum[first])
+    return np.column_stack([first, last])[usable]
+
+
+def observe(tracks, rows, observed_rows=4):
+    """The first `observed_rows` rows of the tracks whose first rows are `rows[:, 0]`."""
+    seen = rows[:, :1] + np.arange(observed_rows)
+    return Observed(tracks.track_id[rows[:, 0]], *(column[seen] for column in tracks[1:]))
+
+
+def kernel_weights(steps):
+    """g(1), g(2), ... of the paper for the newest to the oldest of `steps` velocities, summing to 1."""
+    g = np.exp(-0.5 * (np.arange(1, steps + 1) / SIGMA_STEPS) ** 2)
+    return g / g.sum()
+
+
+def current_velocity(observed, source):
+    """Speed [n] in m/s and heading [n] in rad at t0: weighted mean of speeds, circular mean of headings.
+
+    `source` = "columns": the file's velocities of the rows before t0 (t0's own is not used);
+    "differences": the differences of positions that end at t0, t0 - 1, ...
+    """
+    if source == "columns":
+        speed, heading = observed.speed[:, -2::-1], observed.heading[:, -2::-1]
+    else:
+        dx, dy, dt = (np.diff(column, axis=1)[:, ::-1] for column in (observed.x, observed.y, observed.t))
+        speed, heading = np.hypot(dx, dy) / dt, np.arctan2(dy, dx)
+    weights = kernel_weights(speed.shape[1])
+    return speed @ weights, np.arctan2(np.sin(heading) @ weights, np.cos(heading) @ weights)

@@ -1,0 +1,34 @@
+"""Logs of a job: to its file and to the terminal; bad input ends it with a message, not a traceback."""
+
+import contextlib
+import logging
+import sys
+import traceback
+import warnings
+from pathlib import Path
+
+from modlhmp.storage import DataError
+
+
+@contextlib.contextmanager
+def job_log(path):
+    """Yield a logger that writes to `path` and to stderr.
+
+    A `DataError` is logged as its message, anything else with its traceback; both end the process with status 1.
+    """
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    logging.basicConfig(
+        level=logging.INFO, format="%(message)s", force=True,
+        handlers=[logging.FileHandler(path, mode="w"), logging.StreamHandler(sys.stderr)],
+    )  # fmt: skip
+    logging.captureWarnings(True)
+    warnings.simplefilter("default")
+    log = logging.getLogger("modlhmp")
+    try:
+        yield log
+    except DataError as error:
+        log.error("%s", error)
+        sys.exit(1)
+    except Exception:
+        log.error("%s", traceback.format_exc())
+        sys.exit(1)

@@ -1,0 +1,44 @@
+"""What a map of dynamics (MoD) offers to the roll-out.
+
+A MoD is an object with one method,
+
+    sample(x, y, speed, heading, t, uniforms) -> (speed, heading, log_fitness, found)
+
+vectorised over particles: `x`, `y` [m], `speed` [m/s], `heading` [rad] and `t` [unix s] are arrays of shape [n],
+`uniforms` is [n, draws] in (0, 1) with `draws` = the map's attribute of that name. It returns the velocity sampled
+from the map at each position, the log of its fitness for ranking, and whether the map has dynamics there.
+Nothing else of a map is known to the rest of the workflow.
+"""
+
+import numpy as np
+
+from modlhmp.tracks import clock_hours
+
+
+class HourlyMod:
+    """A MoD of several maps, one a clock hour: each particle uses the map of its own `t` (the track's t0)."""
+
+    def __init__(self, by_hour, timezone):
+        self.by_hour = by_hour
+        self.timezone = timezone
+        self.draws = max((mod.draws for mod in by_hour.values()), default=0)
+
+    def sample(self, x, y, speed, heading, t, uniforms):
+        """See the module's docstring; particles of an hour without a map find no dynamics."""
+        sampled_speed, sampled_heading = np.array(speed), np.array(heading)
+        log_fitness, found = np.zeros(len(x)), np.zeros(len(x), bool)
+        hours = clock_hours(t, self.timezone)
+        for hour in np.unique(hours):
+            mod, rows = self.by_hour.get(int(hour)), hours == hour
+            if mod is not None:
+                sampled_speed[rows], sampled_heading[rows], log_fitness[rows], found[rows] = mod.sample(
+                    x[rows], y[rows], speed[rows], heading[rows], t[rows], uniforms[rows, : mod.draws]
+                )
+        return sampled_speed, sampled_heading, log_fitness, found
+
+
+def lattice_index(i, j, origin, shape):
+    """Dense lookup [shape] of lattice nodes (i, j): row of the node's entry, -1 where there is none."""
+    index = np.full(shape, -1, np.int64)
+    index[i - origin[0], j - origin[1]] = np.arange(len(i))
+    return index

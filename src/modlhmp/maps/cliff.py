@@ -1,0 +1,197 @@
+"""CLiFF-map: at each location a semi-wrapped Gaussian mixture over heading and speed, and its motion intensity.
+
+Paper Sec. III-B.1, Alg. 2; T. Kucner et al., RA-L 2017. The time-conditioned CLiFF-map is this map for every
+clock hour (`maps.base.HourlyMod`), Sec. III-B.2.
+"""
+
+import numpy as np
+import pyarrow as pa
+from numba import njit
+from scipy.spatial import cKDTree
+from tqdm import tqdm
+
+from modlhmp.maps import swgmm
+from modlhmp.maps.base import lattice_index
+from modlhmp.maps.mean_shift import BANDWIDTHS, mean_shift
+from modlhmp.storage import DataError, read_parquet
+from modlhmp.tracks import circular_difference
+
+MIN_CLUSTER = 5  # smaller clusters are merged into the nearest; their data stay
+COLUMNS = (
+    "location", "x", "y", "weight", "mean_heading", "mean_speed",
+    "var_heading", "cov_heading_speed", "var_speed", "count", "p", "q",
+)  # fmt: skip
+
+
+def build(tracks, resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth="isotropic", progress=False):
+    """Build a CLiFF-map from the velocities of a track table; returns a `pyarrow.Table`, one row a component.
+
+    Locations are the multiples of `resolution_m` that have at least `min_observations` moving observations within
+    `radius_m`, the border included. `count` is their number, `p` its ratio to the map's largest, `q` = 1 (the
+    sensors see everything, always). An empty table says that there were too few data.
+    """
+    moving = np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
+    tracks = tracks.take(moving)
+    locations, members = neighbourhoods(tracks.x, tracks.y, resolution_m, radius_m, min_observations)
+    rows = []
+    for number, (node, mine) in enumerate(
+        zip(locations, tqdm(members, desc="CLiFF locations", disable=not progress, mininterval=2.0), strict=True)
+    ):
+        components = fit_location(tracks.heading[mine], tracks.speed[mine], bandwidth)
+        head = np.tile([number, *node], (len(components), 1))
+        rows.append(np.column_stack([head, components, np.full(len(components), len(mine))]))
+    table = np.concatenate(rows) if rows else np.empty((0, 10))
+    p = table[:, 9] / table[:, 9].max() if len(table) else table[:, 9]
+    columns = [*table.T, p, np.ones(len(table))]
+    whole = {"location", "count"}
+    return pa.table(
+        {n: c.astype(np.int64) if n in whole else c for n, c in zip(COLUMNS, columns, strict=True)}
+    ).replace_schema_metadata({"resolution": str(resolution_m)})
+
+
+def neighbourhoods(x, y, resolution, radius, min_observations):
+    """Lattice nodes [m, 2] with enough observations in their closed ball, and the observations' indices of each."""
+    if not len(x):
+        return np.empty((0, 2)), []
+    reach = int(np.ceil(radius / resolution))
+    cells = np.unique(np.floor(np.column_stack([x, y]) / resolution).astype(np.int64), axis=0)
+    offsets = np.stack(np.meshgrid(*[np.arange(-reach, reach + 2)] * 2), -1).reshape(-1, 2)
+    nodes = np.unique((cells[:, None] + offsets).reshape(-1, 2), axis=0) * resolution
+    found = cKDTree(np.column_stack([x, y])).query_ball_point(nodes, radius * (1 + 1e-12), return_sorted=True)
+    enough = np.array([len(mine) >= min_observations for mine in found])
+    return nodes[enough], [np.array(mine) for mine in found[enough]]
+
+
+def fit_location(heading, speed, bandwidth="isotropic"):
+    """Mixture [J, 6] of one location: mean shift finds the clusters, EM fits them; heaviest component first."""
+    labels, _ = mean_shift(heading, speed, BANDWIDTHS[bandwidth](heading, speed))
+    labels = _merge_small(heading, speed, labels)
+    start = []
+    for label in np.unique(labels):
+        mine = labels == label
+        start.append([mine.mean(), *swgmm.moments(heading[mine], speed[mine])])
+    components, _ = swgmm.fit(heading, speed, start)
+    return components[np.argsort(-components[:, 0], kind="stable")]
+
+
+def _merge_small(heading, speed, labels):
+    """Give the members of clusters under `MIN_CLUSTER` to the nearest large one (the largest, if none is)."""
+    counts = np.bincount(labels)
+    large = np.flatnonzero(counts >= MIN_CLUSTER)
+    if not len(large):
+        return np.zeros_like(labels)
+    if len(large) == len(counts):
+        return labels
+    centres = np.array([swgmm.moments(heading[labels == c], speed[labels == c])[:2] for c in large])
+    small = np.flatnonzero(counts[labels] < MIN_CLUSTER)
+    distance = np.hypot(
+        circular_difference(heading[small, None], centres[:, 0]), speed[small, None] - centres[:, 1]
+    )
+    labels = labels.copy()
+    labels[small] = large[np.argmin(distance, axis=1)]
+    return labels
+
+
+class CliffMap:
+    """A CLiFF-map ready for sampling (paper Alg. 2); see `maps.base` for the contract of `sample`."""
+
+    draws = 3
+
+    def __init__(self, table, sampling_radius=1.0):
+        columns = {name: table[name].to_numpy() for name in COLUMNS}
+        self.radius = float(sampling_radius)
+        self.resolution = float((table.schema.metadata or {}).get(b"resolution", b"1"))
+        first = np.flatnonzero(np.diff(columns["location"], prepend=-1))
+        self.starts = np.append(first, len(columns["x"]))
+        self.x, self.y, self.p = (columns[name][first] for name in ("x", "y", "p"))
+        weight = columns["weight"]
+        total = np.add.reduceat(weight, first) if len(first) else weight
+        covariance = [columns[name] for name in ("var_heading", "cov_heading_speed", "var_speed")]
+        components = np.column_stack(
+            [weight / np.repeat(total, np.diff(self.starts)), columns["mean_heading"], columns["mean_speed"], *covariance]
+        )
+        for component in components:
+            component[3:] = swgmm.floor_covariance(*component[3:])
+        self.components = components
+        self.terms = swgmm.precompute(components)
+        if len(first):
+            self.origin = np.array([self.x.min(), self.y.min()])
+            node = np.rint((np.column_stack([self.x, self.y]) - self.origin) / self.resolution).astype(np.int64)
+            self.index = lattice_index(*node.T, (0, 0), node.max(0) + 1)
+        else:
+            self.origin, self.index = np.zeros(2), np.full((1, 1), -1)
+
+    @classmethod
+    def load(cls, path, sampling_radius=1.0):
+        """Read the Parquet form; `DataError` where it is not one."""
+        table = read_parquet(path)
+        missing = set(COLUMNS) - set(table.column_names)
+        if missing:
+            raise DataError(f"{path}: not a CLiFF-map, no column {', '.join(sorted(missing))}")
+        return cls(table, sampling_radius)
+
+    def locate(self, x, y):
+        """Row of the location used at each position: the largest p within the radius, -1 where there is none."""
+        x, y = np.atleast_1d(x).astype(float), np.atleast_1d(y).astype(float)
+        return _locate_many(x, y, self.index, self.origin, self.resolution, self.radius, self.x, self.y, self.p)
+
+    def mixture(self, location):
+        """Components [J, 6] of a location (row as from `locate`)."""
+        return self.components[self.starts[location] : self.starts[location + 1]]
+
+    def sample(self, x, y, speed, heading, t, uniforms):
+        """Draw from the mixture of the busiest location in reach; fitness = its log density at the draw."""
+        return _sample(
+            x, y, uniforms, self.index, self.origin, self.resolution, self.radius,
+            self.x, self.y, self.p, self.starts, self.components, self.terms,
+        )  # fmt: skip
+
+
+@njit(cache=True)
+def _locate(x, y, index, origin, resolution, radius, loc_x, loc_y, p):
+    """Location with the largest p within `radius` (ties: the nearer, then the first); -1 if there is none."""
+    best, best_p, best_d = -1, -1.0, np.inf
+    u, v, r = (x - origin[0]) / resolution, (y - origin[1]) / resolution, radius / resolution + 1e-9
+    for i in range(max(int(np.ceil(u - r)), 0), min(int(np.floor(u + r)), index.shape[0] - 1) + 1):
+        for j in range(max(int(np.ceil(v - r)), 0), min(int(np.floor(v + r)), index.shape[1] - 1) + 1):
+            row = index[i, j]
+            if row >= 0:
+                d = np.hypot(loc_x[row] - x, loc_y[row] - y)
+                if d <= radius and (p[row] > best_p or (p[row] == best_p and d < best_d)):
+                    best, best_p, best_d = row, p[row], d
+    return best
+
+
+@njit(cache=True)
+def _locate_many(x, y, index, origin, resolution, radius, loc_x, loc_y, p):
+    out = np.empty(len(x), np.int64)
+    for n in range(len(x)):
+        out[n] = _locate(x[n], y[n], index, origin, resolution, radius, loc_x, loc_y, p)
+    return out
+
+
+@njit(cache=True)
+def _sample(x, y, uniforms, index, origin, resolution, radius, loc_x, loc_y, p, starts, components, terms):
+    n = len(x)
+    speed, heading = np.zeros(n), np.zeros(n)
+    log_fitness, found = np.zeros(n), np.zeros(n, np.bool_)
+    for i in range(n):
+        row = _locate(x[i], y[i], index, origin, resolution, radius, loc_x, loc_y, p)
+        if row < 0:
+            continue
+        found[i] = True
+        j, rest = starts[row], uniforms[i, 0]
+        while j < starts[row + 1] - 1 and rest > components[j, 0]:
+            rest -= components[j, 0]
+            j += 1
+        _, mt, mr, vtt, vtr, vrr = components[j]
+        # Box-Muller, then the Cholesky factor of the component's covariance.
+        r = np.sqrt(-2.0 * np.log(uniforms[i, 1]))
+        z, w = r * np.cos(swgmm.TWO_PI * uniforms[i, 2]), r * np.sin(swgmm.TWO_PI * uniforms[i, 2])
+        sd = np.sqrt(vtt)
+        theta = mt + sd * z
+        rho = mr + vtr / sd * z + np.sqrt(max(vrr - vtr * vtr / vtt, 0.0)) * w
+        heading[i] = np.pi - np.mod(np.pi - theta, swgmm.TWO_PI)
+        speed[i] = max(rho, 0.0)
+        log_fitness[i] = swgmm.log_density_one(heading[i], speed[i], terms, starts[row], starts[row + 1])
+    return speed, heading, log_fitness, found

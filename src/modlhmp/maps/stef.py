@@ -1,0 +1,153 @@
+"""STeF-map: in each cell, how likely people walk into each of a few directions, as periodic functions of time.
+
+Paper Sec. III-B.3; S. Molina et al., The STeF-map, 2022. Detections are counted by direction and interval,
+normalised by the busiest direction of that cell and interval, and each direction's signal goes through FreMEn.
+"""
+
+import numpy as np
+import pyarrow as pa
+from numba import njit
+
+from modlhmp.maps import fremen
+from modlhmp.maps.base import lattice_index
+from modlhmp.storage import DataError, read_parquet
+from modlhmp.tracks import clock_offsets
+
+DAY_S = 86400.0
+
+
+def orientation_bin(heading, orientations):
+    """Index of the direction i * 2 pi / orientations nearest to each heading [rad]."""
+    return np.rint(np.asarray(heading) * orientations / (2 * np.pi)).astype(np.int64) % orientations
+
+
+def build(tracks, timezone, resolution_m=1.0, orientations=8, interval_s=600.0, order=2):
+    """Build a STeF-map; returns a `pyarrow.Table`, one row a cell and orientation.
+
+    Cells are [i, i + 1) * `resolution_m`; x, y are their centres. All intervals of every training day count, night
+    included, and an interval without detections is 0. Times are seconds since the first local midnight.
+    """
+    seen = np.isfinite(tracks.heading) & (tracks.speed != 0.0)
+    tracks = tracks.take(seen)
+    if not len(tracks.t):
+        raise DataError("a STeF-map needs rows with a heading; the training recordings have none")
+    cells, cell = np.unique(
+        np.floor(np.column_stack([tracks.x, tracks.y]) / resolution_m).astype(np.int64), axis=0, return_inverse=True
+    )
+    local = tracks.t + clock_offsets(tracks.t, timezone)
+    days, day = np.unique(np.floor(local / DAY_S), return_inverse=True)
+    per_day = int(np.ceil(DAY_S / interval_s))
+    interval = day * per_day + (np.mod(local, DAY_S) // interval_s).astype(np.int64)
+    times = ((days - days[0]) * DAY_S)[:, None] + (np.arange(per_day) + 0.5) * interval_s
+    signals = _signals(cell.ravel(), orientation_bin(tracks.heading, orientations), interval,
+                       len(cells), orientations, len(days) * per_day)  # fmt: skip
+    mean, amplitude, phase, period = fremen.analyse(times.ravel(), signals, order)
+    centre = np.repeat((cells + 0.5) * resolution_m, orientations, axis=0)
+    return pa.table(
+        {
+            "x": centre[:, 0],
+            "y": centre[:, 1],
+            "orientation": np.tile(np.arange(orientations), len(cells)),
+            "mean": mean,
+            "amplitudes": _lists(amplitude),
+            "phases": _lists(phase),
+            "periods": _lists(period),
+        }
+    ).replace_schema_metadata({"resolution": str(resolution_m), "orientations": str(orientations)})
+
+
+def _signals(cell, orientation, interval, cells, orientations, intervals):
+    """Share of each direction in the busiest direction's count: [cells * orientations, intervals]."""
+    flat = (cell * orientations + orientation) * intervals + interval
+    counts = np.bincount(flat, minlength=cells * orientations * intervals).reshape(cells, orientations, intervals)
+    busiest = counts.max(axis=1, keepdims=True)
+    return (counts / np.maximum(busiest, 1)).reshape(cells * orientations, intervals)
+
+
+def evaluate(table, t):
+    """Orientation probabilities at time `t` [s since local midnight]: a table with x, y and a list per cell.
+
+    Each direction's prediction is divided by the sum over the cell's directions; a cell whose directions are all
+    predicted 0 keeps zeros: it has no dynamics then.
+    """
+    orientations = int(table.schema.metadata[b"orientations"])
+    parts = [np.stack(table[name].to_numpy(zero_copy_only=False)) for name in ("amplitudes", "phases", "periods")]
+    value = fremen.predict(t, table["mean"].to_numpy(), *parts).reshape(-1, orientations)
+    total = value.sum(axis=1, keepdims=True)
+    return pa.table(
+        {
+            "x": table["x"].to_numpy()[::orientations],
+            "y": table["y"].to_numpy()[::orientations],
+            "probabilities": _lists(np.divide(value, total, out=np.zeros_like(value), where=total > 0)),
+        }
+    ).replace_schema_metadata(table.schema.metadata)
+
+
+def middle_of_hour(hour):
+    """The time at which an hour's map is evaluated [s since local midnight]."""
+    return (hour + 0.5) * 3600.0
+
+
+def _lists(array):
+    return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(array).ravel()), array.shape[1])
+
+
+class StefMap:
+    """A STeF-map evaluated at one time, ready for sampling (paper Alg. 3); contract in `maps.base`."""
+
+    draws = 1
+
+    def __init__(self, table, sampling_radius=1.0):
+        self.radius = float(sampling_radius)
+        self.resolution = float(table.schema.metadata[b"resolution"])
+        self.x, self.y = table["x"].to_numpy(), table["y"].to_numpy()
+        self.probabilities = np.stack(table["probabilities"].to_numpy(zero_copy_only=False))
+        self.origin = np.array([self.x.min(), self.y.min()])
+        node = np.rint((np.column_stack([self.x, self.y]) - self.origin) / self.resolution).astype(np.int64)
+        self.index = lattice_index(*node.T, (0, 0), node.max(0) + 1)
+
+    @classmethod
+    def load(cls, path, sampling_radius=1.0):
+        """Read one hour's Parquet form; `DataError` where it is not one."""
+        table = read_parquet(path)
+        if "probabilities" not in table.column_names:
+            raise DataError(f"{path}: not an evaluated STeF-map, no column probabilities")
+        return cls(table, sampling_radius)
+
+    def sample(self, x, y, speed, heading, t, uniforms):
+        """Draw a direction of the nearest cell in reach by its probabilities; the speed stays as it is."""
+        new_heading, log_fitness, found = _sample(
+            x, y, uniforms, self.index, self.origin, self.resolution, self.radius, self.x, self.y, self.probabilities
+        )
+        return np.array(speed), new_heading, log_fitness, found
+
+
+@njit(cache=True)
+def _sample(x, y, uniforms, index, origin, resolution, radius, cell_x, cell_y, probabilities):
+    n, orientations = len(x), probabilities.shape[1]
+    heading, log_fitness, found = np.zeros(n), np.zeros(n), np.zeros(n, np.bool_)
+    r = radius / resolution + 1e-9
+    for i in range(n):
+        u, v = (x[i] - origin[0]) / resolution, (y[i] - origin[1]) / resolution
+        row, nearest = -1, np.inf
+        for a in range(max(int(np.ceil(u - r)), 0), min(int(np.floor(u + r)), index.shape[0] - 1) + 1):
+            for b in range(max(int(np.ceil(v - r)), 0), min(int(np.floor(v + r)), index.shape[1] - 1) + 1):
+                c = index[a, b]
+                if c >= 0:
+                    d = np.hypot(cell_x[c] - x[i], cell_y[c] - y[i])
+                    if d <= radius and d < nearest:
+                        row, nearest = c, d
+        if row < 0 or probabilities[row].sum() == 0.0:
+            continue
+        found[i] = True
+        chosen, rest = -1, uniforms[i, 0]
+        for o in range(orientations):
+            if probabilities[row, o] > 0.0:
+                chosen = o
+                rest -= probabilities[row, o]
+                if rest <= 0.0:
+                    break
+        angle = chosen * 2.0 * np.pi / orientations
+        heading[i] = angle if angle <= np.pi else angle - 2.0 * np.pi
+        log_fitness[i] = np.log(probabilities[row, chosen])
+    return heading, log_fitness, found

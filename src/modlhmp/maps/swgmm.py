@@ -1,0 +1,167 @@
+"""Semi-wrapped Gaussian mixture over (heading, speed): density and expectation maximisation.
+
+p(theta, rho) = sum_j w_j sum_{k=-1..1} N([theta + 2 pi k, rho]; mu_j, Sigma_j), the mixture of the CLiFF-map
+(T. Kucner et al., Enabling flow awareness for mobile robots in partially observable environments, RA-L 2017).
+A component is six numbers: weight, mean heading, mean speed, var(heading), cov(heading, speed), var(speed).
+"""
+
+import numpy as np
+from numba import njit
+
+WINDINGS = 1  # k = -1, 0, 1
+MIN_EIGENVALUE = 1e-4  # floor of a covariance's eigenvalues
+TOLERANCE = 1e-5  # gain of log-likelihood an observation below which EM has converged
+MAX_ITERATIONS = 100
+TWO_PI = 2.0 * np.pi
+
+
+def log_density(heading, speed, components):
+    """Log of the mixture density at each observation, shape [n]; `components` is [J, 6]."""
+    heading, speed = np.atleast_1d(heading).astype(float), np.atleast_1d(speed).astype(float)
+    out = np.empty(len(heading))
+    terms = precompute(np.asarray(components, float))
+    _log_density_many(heading, speed, terms, out)
+    return out
+
+
+def fit(heading, speed, components):
+    """Expectation maximisation from the given `components` [J, 6]; returns (components [J, 6], log-likelihood).
+
+    Responsibilities use log-sum-exp, so no observation loses its weight; components that end below
+    one observation are removed. The log-likelihood is the total over all observations.
+    """
+    components = np.array(components, float)
+    while True:
+        log_likelihood = _em(heading, speed, components, MAX_ITERATIONS, TOLERANCE)
+        heavy = components[:, 0] * len(heading) >= 1.0
+        if heavy.all():
+            return components, log_likelihood
+        components = components[heavy]
+        components[:, 0] /= components[:, 0].sum()
+
+
+def moments(heading, speed):
+    """Circular-linear mean and covariance of observations: [mean heading, mean speed, vtt, vtr, vrr]."""
+    mean_heading = np.arctan2(np.sin(heading).mean(), np.cos(heading).mean())
+    d_heading = np.pi - np.mod(np.pi - (heading - mean_heading), TWO_PI)
+    mean_heading += d_heading.mean()
+    d_heading -= d_heading.mean()
+    d_speed = speed - speed.mean()
+    covariance = np.array([(d_heading**2).mean(), (d_heading * d_speed).mean(), (d_speed**2).mean()])
+    return np.array([mean_heading, speed.mean(), *floor_covariance(*covariance)])
+
+
+@njit(cache=True)
+def floor_covariance(vtt, vtr, vrr):
+    """Raise the eigenvalues of [[vtt, vtr], [vtr, vrr]] to at least `MIN_EIGENVALUE`."""
+    half, d = 0.5 * (vtt + vrr), 0.5 * (vtt - vrr)
+    root = np.sqrt(d * d + vtr * vtr)
+    low, high = half - root, half + root
+    if low >= MIN_EIGENVALUE:
+        return vtt, vtr, vrr
+    new_low, new_high = max(low, MIN_EIGENVALUE), max(high, MIN_EIGENVALUE)
+    if root < 1e-300:
+        return new_high, 0.0, new_high
+    # Sigma = low I + (high - low) P with P the projector on the leading eigenvector.
+    scale = (new_high - new_low) / (2.0 * root)
+    centre = 0.5 * (new_low + new_high)
+    return centre + scale * d, scale * vtr, centre - scale * d
+
+
+@njit(cache=True)
+def precompute(components):
+    """[J, 6] components to [J, 6] terms: log weight - log(2 pi sqrt(det)), means, inverse covariance."""
+    terms = np.empty_like(components)
+    for j in range(len(components)):
+        w, mt, mr, vtt, vtr, vrr = components[j]
+        det = vtt * vrr - vtr * vtr
+        terms[j, 0] = np.log(w) - np.log(TWO_PI) - 0.5 * np.log(det)
+        terms[j, 1], terms[j, 2] = mt, mr
+        terms[j, 3], terms[j, 4], terms[j, 5] = vrr / det, -vtr / det, vtt / det
+    return terms
+
+
+@njit(cache=True)
+def log_density_one(heading, speed, terms, first, last):
+    """Log mixture density of one velocity under the components `first` to `last` - 1 of `terms`."""
+    peak = -np.inf
+    for j in range(first, last):
+        for k in range(-WINDINGS, WINDINGS + 1):
+            peak = max(peak, _exponent(heading + TWO_PI * k, speed, terms, j))
+    total = 0.0
+    for j in range(first, last):
+        for k in range(-WINDINGS, WINDINGS + 1):
+            total += np.exp(_exponent(heading + TWO_PI * k, speed, terms, j) - peak)
+    return peak + np.log(total)
+
+
+@njit(cache=True, inline="always")
+def _exponent(heading, speed, terms, j):
+    dt, dr = heading - terms[j, 1], speed - terms[j, 2]
+    return terms[j, 0] - 0.5 * (terms[j, 3] * dt * dt + 2.0 * terms[j, 4] * dt * dr + terms[j, 5] * dr * dr)
+
+
+@njit(cache=True)
+def _log_density_many(heading, speed, terms, out):
+    for i in range(len(heading)):
+        out[i] = log_density_one(heading[i], speed[i], terms, 0, len(terms))
+
+
+@njit(cache=True)
+def _em(heading, speed, components, max_iterations, tolerance):
+    """EM in place; the sufficient statistics of each component are gathered in one pass over the data.
+
+    Statistics are taken about the component's present mean, so that nothing cancels.
+    """
+    n, m = len(heading), len(components)
+    exponents = np.empty((m, 2 * WINDINGS + 1))
+    statistics = np.empty((m, 6))
+    before = -np.inf
+    for _ in range(max_iterations):
+        terms = precompute(components)
+        statistics[:] = 0.0
+        log_likelihood = 0.0
+        for i in range(n):
+            peak = -np.inf
+            for j in range(m):
+                for k in range(2 * WINDINGS + 1):
+                    e = _exponent(heading[i] + TWO_PI * (k - WINDINGS), speed[i], terms, j)
+                    exponents[j, k] = e
+                    peak = max(peak, e)
+            total = 0.0
+            for j in range(m):
+                for k in range(2 * WINDINGS + 1):
+                    d = exponents[j, k] - peak
+                    r = np.exp(d) if d > -40.0 else 0.0  # below the last bit of the sum
+                    exponents[j, k] = r
+                    total += r
+            log_likelihood += peak + np.log(total)
+            for j in range(m):
+                for k in range(2 * WINDINGS + 1):
+                    r = exponents[j, k]
+                    if r > 0.0:
+                        r /= total
+                        dt = heading[i] + TWO_PI * (k - WINDINGS) - components[j, 1]
+                        dr = speed[i] - components[j, 2]
+                        statistics[j, 0] += r
+                        statistics[j, 1] += r * dt
+                        statistics[j, 2] += r * dr
+                        statistics[j, 3] += r * dt * dt
+                        statistics[j, 4] += r * dt * dr
+                        statistics[j, 5] += r * dr * dr
+        if log_likelihood - before <= tolerance * n:
+            return log_likelihood  # of the components as they stand
+        before = log_likelihood
+        for j in range(m):
+            s = statistics[j, 0]
+            if s < 1e-12:
+                components[j, 0] = 1e-12
+                continue
+            dt, dr = statistics[j, 1] / s, statistics[j, 2] / s
+            components[j, 0] = s / n
+            components[j, 1] = np.pi - np.mod(np.pi - (components[j, 1] + dt), TWO_PI)
+            components[j, 2] += dr
+            components[j, 3], components[j, 4], components[j, 5] = floor_covariance(
+                statistics[j, 3] / s - dt * dt, statistics[j, 4] / s - dt * dr, statistics[j, 5] / s - dr * dr
+            )
+    return before

@@ -1,0 +1,1 @@
+"""The paper's tables and figures: one module an exhibit, each drawn from the numbers it saves beside itself."""

@@ -1,0 +1,33 @@
+"""Figure rank-metrics: ADE of TC-CLiFF with ranking (most likely future) and without (mean of the k)."""
+
+from modlhmp.paper import style
+
+LINES = {"ranked": ("with ranking", 0), "mean": ("without (mean of k)", 1)}
+
+
+def draw(results, datasets, method, stem):
+    """One column a dataset, one row a protocol; `datasets` is a list of settings."""
+    rows = results[(results["method"] == method) & results["output"].isin(LINES)]
+    fig, axes = style.figure(2, len(datasets), height_mm=88.0, sharex="col")
+    for column, dataset in enumerate(datasets):
+        for line, protocol in enumerate(("paper", "complete")):
+            ax = axes[line, column]
+            one = rows[(rows["dataset"] == dataset["name"]) & (rows["protocol"] == protocol)]
+            if one.empty:
+                style.empty_panel(ax, f"no {method} forecasts of {dataset['title']}")
+                continue
+            for output, (label, position) in LINES.items():
+                curve = one[one["output"] == output].sort_values("horizon_s")
+                every = max(len(curve) // 6, 1)
+                look = style.method_style(position)
+                ax.plot(curve["horizon_s"], curve["ade_m"], label=label, markevery=(every - 1, every), **look)
+            last = one.sort_values("horizon_s").iloc[-1]
+            ax.set_title(f"{dataset['title']}, {protocol} protocol\nn {last['n']:.4g}/{last['eligible']:.0f} at {last['horizon_s']:g} s")
+            ax.set_ylim(bottom=0)
+            ax.set_xlim(0, dataset["horizon_s"])
+            ax.set_ylabel("ADE [m]")
+            if line == 1:
+                ax.set_xlabel("prediction horizon [s]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    fig.legend(handles, labels, loc="outside lower center", ncols=2)
+    style.save(fig, stem, rows, any(dataset["demo"] for dataset in datasets))

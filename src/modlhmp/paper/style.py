@@ -1,0 +1,87 @@
+"""How every exhibit looks: one place for sizes, colours, lines and the labels that keep results honest."""
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import LinearSegmentedColormap
+
+from modlhmp.storage import atomic_path, write_text
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402 - the backend has to be chosen first
+
+MM = 1 / 25.4
+COLUMN_MM, PAGE_MM = 88.0, 180.0
+
+# Okabe and Ito's palette: told apart by colour-blind people; line styles and markers tell methods apart in grey.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#8B4513")
+_LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (7, 2)), (0, (2, 2)))
+_MARKERS = "osD^vPX*h"
+
+# Cyclic colours of orientation: east blue, north orange, west red, south green.
+ORIENTATION = LinearSegmentedColormap.from_list(
+    "orientation", ["#0072B2", "#7A5FA8", "#E69F00", "#C8501E", "#B03030", "#6E7A3A", "#009E73", "#00838F", "#0072B2"]
+)
+
+mpl.rcParams.update(
+    {
+        "font.size": 7,
+        "axes.titlesize": 7,
+        "axes.labelsize": 7,
+        "xtick.labelsize": 6,
+        "ytick.labelsize": 6,
+        "legend.fontsize": 6,
+        "axes.linewidth": 0.5,
+        "xtick.major.width": 0.5,
+        "ytick.major.width": 0.5,
+        "lines.linewidth": 1.0,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "legend.frameon": False,
+        "figure.dpi": 100,
+        "savefig.dpi": 300,
+        "pdf.fonttype": 42,
+        "figure.constrained_layout.use": True,
+        "axes.grid": True,
+        "grid.linewidth": 0.3,
+        "grid.alpha": 0.4,
+    }
+)
+
+
+def method_style(position):
+    """Line colour, style and marker of the method at a position of the tables."""
+    return {
+        "color": _COLOURS[position % len(_COLOURS)],
+        "linestyle": _LINES[position % len(_LINES)],
+        "marker": _MARKERS[position % len(_MARKERS)],
+        "markersize": 2.5,
+    }
+
+
+def figure(rows, columns, width_mm=COLUMN_MM, height_mm=60.0, **options):
+    """A figure of printed size and its axes, always as a 2-d array."""
+    return plt.subplots(rows, columns, figsize=(width_mm * MM, height_mm * MM), squeeze=False, **options)
+
+
+def heading_colour(heading):
+    """Colour of a heading [rad]."""
+    return ORIENTATION(np.mod(np.asarray(heading) / (2 * np.pi), 1.0))
+
+
+def empty_panel(axes, text):
+    """A labelled empty panel where there is nothing to draw."""
+    axes.set_axis_off()
+    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, wrap=True)
+
+
+def save(fig, stem, numbers, demo):
+    """Save `stem`.pdf, .png and .csv (the plotted numbers, a DataFrame); demo data are labelled as such."""
+    if demo:
+        fig.suptitle("Demo data (made-up people)", fontsize=7, color="#B03030")
+    for suffix in ("pdf", "png"):
+        with atomic_path(Path(f"{stem}.{suffix}")) as temporary:
+            fig.savefig(temporary, format=suffix, metadata={"CreationDate": None} if suffix == "pdf" else None)
+    plt.close(fig)
+    write_text(f"{stem}.csv", numbers.to_csv(index=False, float_format="%.6g"))

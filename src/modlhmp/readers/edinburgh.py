@@ -1,0 +1,119 @@
+"""The Edinburgh Informatics Forum's two forms: the owner's raw text, and days of every 4th frame as rows.
+
+B. Majecka, Statistical models of pedestrian behaviour in the Forum, MSc dissertation, University of Edinburgh, 2009.
+Positions are pixels (y downwards), times are capture frames, about 9 a second; there is no clock in the files.
+"""
+
+import re
+
+import numpy as np
+
+from modlhmp.readers.account import Account
+from modlhmp.readers.delimited import read_delimited
+from modlhmp.readers.raw import line_blocks
+from modlhmp.storage import DataError
+from modlhmp.tracks import Tracks, concatenate
+
+ROWS_LAYOUT = {
+    "columns": {"t": 0, "track_id": 1, "x": 2, "y": 3},
+    "width": 4,
+    "units": {"length": "px", "time": "frame"},
+}
+_TRACK = re.compile(rb"\s*TRACK\.R(\d+)\s*=\s*\[(.*)\]\s*;?\s*$")
+_TOTAL = re.compile(rb"Total number of trajectories in file are\s+(\d+)")
+_SPACES = bytes.maketrans(b"[];", b"   ")
+
+
+def read_rows(path, frame_rate, row_stride, scale, origin, day=None):
+    """Read a day of rows `frame, track_id, x, y`, each `row_stride` raw frames after the one before.
+
+    The frame column is the track's first raw frame plus the row number, so the true time of a row is
+    (first frame + row_stride * rows since) / frame_rate seconds after `origin` (unix time of frame 0).
+    """
+    layout = {**ROWS_LAYOUT, "frame_rate": frame_rate, "scale": scale, "origin": origin}
+    tracks, account = read_delimited(path, layout, day)
+    starts = tracks.bounds()[:-1]
+    first = np.repeat(tracks.t[starts], np.diff(tracks.bounds())) if len(starts) else tracks.t
+    return tracks._replace(t=first + row_stride * (tracks.t - first)), account
+
+
+def read_raw(path, frame_rate, scale, origin):
+    """Read the owner's `TRACK.Rn=[[x y frame];...]` text; returns (Tracks, Account), headings unknown.
+
+    Points with a frame not later than an earlier one are dropped (`frame_not_increasing`), as are points that are
+    not three numbers (`text_value`). `DataError` if the file holds fewer tracks than it announces.
+    """
+    account, pieces, announced, seen = Account(), [], None, set()
+    line_number = 0
+    for block in line_blocks(path):
+        for line in block.split(b"\n"):
+            line_number += 1
+            if total := _TOTAL.search(line):
+                announced = int(total[1])
+            elif b"TRACK.R" in line:
+                piece = _track(path, line, line_number, account)
+                if piece is not None and piece[0] in seen:
+                    account.drop_tracks("repeated_track_id", 1, len(piece[1]))
+                elif piece is not None:
+                    seen.add(piece[0])
+                    pieces.append(piece)
+    if announced is None and not account.tracks_read:
+        raise DataError(f"{path}: no line `TRACK.Rn=[[x y frame];...]`: is `reader: edinburgh` right for this file?")
+    if announced is not None and announced != account.tracks_read:
+        raise DataError(
+            f"{path}: announces {announced} tracks in its first lines but holds {account.tracks_read}: "
+            "the file was cut off; fetch it again"
+        )
+    if not pieces:
+        raise DataError(f"{path}: no usable point; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
+    return concatenate(_to_si(*piece, frame_rate, scale, origin) for piece in sorted(pieces, key=lambda p: p[0])), account
+
+
+def _track(path, line, number, account):
+    """One TRACK line to (id, points [n, 3] px px frame); None if it holds no usable point."""
+    match = _TRACK.match(line)
+    if not match:
+        raise DataError(f"{path}, line {number}: {line[:60].decode(errors='replace')!r} is not a whole TRACK line: the file is cut off or damaged")
+    account.tracks_read += 1
+    body = match[2]
+    try:
+        points = np.array(body.translate(_SPACES).split(), float).reshape(-1, 3)
+        regular = np.isfinite(points).all()
+    except ValueError:
+        regular = False
+    account.rows_read += len(points) if regular else 0
+    if not regular:
+        points = _point_by_point(body, number, account)
+    later = np.ones(len(points), bool)
+    if len(points):
+        later[1:] = points[1:, 2] > np.maximum.accumulate(points[:, 2])[:-1]
+    account.drop_rows("frame_not_increasing", (~later).sum(), f"line {number}")
+    points = points[later]
+    if not len(points):
+        account.drop_tracks("no_usable_point", 1, 0)
+        return None
+    return int(match[1]), points
+
+
+def _point_by_point(body, number, account):
+    points = []
+    for text in body.split(b";"):
+        account.rows_read += 1
+        fields = text.translate(_SPACES).split()
+        try:
+            point = [float(field) for field in fields]
+            if len(point) != 3:
+                account.drop_rows("wrong_column_count", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
+            elif not np.isfinite(point).all():
+                account.drop_rows("nan_value", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
+            else:
+                points.append(point)
+        except ValueError:
+            account.drop_rows("text_value", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
+    return np.array(points, float).reshape(-1, 3)
+
+
+def _to_si(track_id, points, frame_rate, scale, origin):
+    unknown = np.full(len(points), np.nan)
+    x, y, frame = points.T
+    return Tracks(np.full(len(points), track_id), origin + frame / frame_rate, x * scale, y * scale, unknown, unknown)

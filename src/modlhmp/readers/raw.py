@@ -1,0 +1,79 @@
+"""Open raw recordings wherever they lie: plain, .gz, .bz2, or a member of a .zip; and read them in blocks of lines."""
+
+import bz2
+import contextlib
+import gzip
+import zipfile
+import zlib
+from pathlib import Path
+
+from modlhmp.storage import DataError
+
+COMPRESSED = (".gz", ".bz2", ".zip")
+BLOCK_BYTES = 1 << 24
+
+
+def archive_and_member(path):
+    """Split `day.zip/member.csv` into (`day.zip`, `member.csv`); a plain path gives (path, None)."""
+    path = Path(path)
+    for parent in path.parents:
+        if parent.suffix == ".zip" and parent.is_file():
+            return parent, path.relative_to(parent).as_posix()
+    return path, None
+
+
+def find_recording(path):
+    """The file that holds a recording: `path` itself, `path` + .gz / .bz2 / .zip, or None."""
+    file, member = archive_and_member(path)
+    candidates = [file] if member else [file, *(file.with_name(file.name + suffix) for suffix in COMPRESSED)]
+    found = next((candidate for candidate in candidates if candidate.is_file()), None)
+    return found / member if found and member else found
+
+
+@contextlib.contextmanager
+def open_raw(path):
+    """Open a recording as a binary stream; `DataError` for a missing, empty or damaged file."""
+    file, member = archive_and_member(path)
+    try:
+        with contextlib.ExitStack() as stack:
+            if file.suffix == ".zip":
+                archive = stack.enter_context(zipfile.ZipFile(file))
+                yield stack.enter_context(archive.open(member or _only_member(file, archive)))
+            elif file.suffix in {".gz", ".bz2"}:
+                yield stack.enter_context({".gz": gzip, ".bz2": bz2}[file.suffix].open(file))
+            else:
+                yield stack.enter_context(open(file, "rb"))
+    except FileNotFoundError:
+        raise DataError(f"{file}: no such file; put the recording there or correct `data_root`") from None
+    except KeyError:
+        raise DataError(f"{file}: holds no member {member!r}") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile) as error:
+        raise DataError(f"{file}: the archive is cut off or damaged ({error}); fetch it again") from None
+    except OSError as error:
+        raise DataError(f"{file}: cannot be read ({error})") from None
+
+
+def line_blocks(path, size=BLOCK_BYTES):
+    """Yield the file as byte blocks of whole lines, about `size` bytes each; `DataError` if it is empty."""
+    rest, seen = b"", False
+    with open_raw(path) as file:
+        while chunk := file.read(size):
+            seen = True
+            cut = chunk.rfind(b"\n") + 1
+            if cut:
+                yield rest + chunk[:cut]
+                rest = chunk[cut:]
+            else:
+                rest += chunk
+    if not seen:
+        raise DataError(f"{path}: the file is empty")
+    if rest:
+        yield rest + b"\n"
+
+
+def _only_member(path, archive):
+    members = [name for name in archive.namelist() if not name.endswith("/")]
+    if len(members) != 1:
+        listed = ", ".join(members[:5]) + (", ..." if len(members) > 5 else "")
+        raise DataError(f"{path}: holds {len(members)} files ({listed}); name one as {path.name}/<member>")
+    return members[0]

@@ -1,0 +1,44 @@
+"""Truth and displacement errors (paper Sec. IV-D)."""
+
+import numpy as np
+
+
+def ground_truth(tracks, rows, observed_rows, steps, step_s=1.0):
+    """Positions at t0 + 1, 2, ... steps, linearly interpolated: (xy [n, T, 2], seconds of truth [n] as steps).
+
+    `rows` [n, 2] are the first and last row of each track. Positions beyond a track's end are NaN; the number of
+    steps is floor((t_last - t0) / step + 0.05), so clock jitter does not cost the last one.
+    """
+    t0 = tracks.t[rows[:, 0] + observed_rows - 1]
+    length = np.floor((tracks.t[rows[:, 1]] - t0) / step_s + 0.05).astype(np.int64)
+    wanted = np.arange(1, steps + 1)
+    # One np.interp serves all tracks: their rows are laid one after the other on a common axis.
+    duration = tracks.t[rows[:, 1]] - tracks.t[rows[:, 0]]
+    offset = np.concatenate([[0.0], np.cumsum(duration + 10.0 * step_s)])[:-1]
+    counts = rows[:, 1] - rows[:, 0] + 1
+    index = np.repeat(rows[:, 0] - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+    axis = tracks.t[index] - np.repeat(tracks.t[rows[:, 0]] - offset, counts)
+    when = np.minimum((t0 - tracks.t[rows[:, 0]])[:, None] + wanted * step_s, duration[:, None]) + offset[:, None]
+    xy = np.stack([np.interp(when, axis, column[index]) for column in (tracks.x, tracks.y)], axis=-1)
+    xy[wanted > length[:, None]] = np.nan
+    return xy, length
+
+
+def displacement_errors(xy, truth):
+    """ADE and FDE [m] of each future at every horizon, both [n, k, T]; NaN beyond the truth."""
+    fde = np.hypot(xy[..., 0] - truth[:, None, :, 0], xy[..., 1] - truth[:, None, :, 1])
+    return np.cumsum(fde, axis=-1) / np.arange(1, fde.shape[-1] + 1), fde
+
+
+def is_idle(tracks, rows, apart=5, min_displacement_m=1.0):
+    """Whether any two rows `apart` of each other in a track are less than `min_displacement_m` apart; [n].
+
+    The ATC idle filter of the `paper` protocol. It looks at the whole track, its future included.
+    """
+    close = np.zeros(len(tracks.t) + 1, np.int64)
+    if len(tracks.t) > apart:
+        moved = np.hypot(tracks.x[apart:] - tracks.x[:-apart], tracks.y[apart:] - tracks.y[:-apart])
+        close[1 : len(moved) + 1] = np.cumsum(moved < min_displacement_m)
+        close[len(moved) + 1 :] = close[len(moved)]
+    last = np.maximum(rows[:, 1] - apart + 1, rows[:, 0])
+    return close[last] > close[rows[:, 0]]

@@ -1,0 +1,52 @@
+"""The two scoring protocols, always both.
+
+paper: the set-up that comes closest to the published numbers, a hypothesis about the study, not a proof. Futures that
+left the map are not scored; the best ranked among those alive at the horizon is; a track with none is left out.
+complete: every eligible track is scored; stopped futures are held at their last position, and the best ranked among
+the longest-lived counts.
+"""
+
+import numpy as np
+
+from modlhmp.forecasting.ranking import most_likely
+from modlhmp.scoring.errors import displacement_errors
+
+PROTOCOLS = ("paper", "complete")
+
+
+def score(forecast, truth, eligible_steps):
+    """Errors at every horizon of each track.
+
+    `truth` [n, T, 2]; `eligible_steps` maps a protocol to the number of steps [n] to which a track is eligible.
+    Returns {(output, protocol): (ade [n, T], fde [n, T])} in m, NaN where a track is not scored. Futures of equal
+    standing (`ranked`) are also scored without ranking, as the mean of their errors (`mean`).
+    """
+    ade, fde = displacement_errors(forecast.xy, truth)
+    horizon = np.arange(1, truth.shape[1] + 1)
+    lived = np.minimum(forecast.steps_alive[:, :, None], horizon)
+    chosen_by = {
+        "paper": lived == horizon,
+        "complete": lived == lived.max(axis=1, keepdims=True),
+    }
+    everyone = {"paper": chosen_by["paper"], "complete": np.ones_like(chosen_by["complete"])}
+    scores = {}
+    for protocol in PROTOCOLS:
+        outside = horizon > eligible_steps[protocol][:, None]
+        if forecast.output in {"ranked", "single"}:
+            best = most_likely(forecast.log_fitness, chosen_by[protocol])
+            pair = tuple(_pick(error, best, outside) for error in (ade, fde))
+            scores[forecast.output, protocol] = pair
+        if forecast.output in {"ranked", "mean"}:
+            scores["mean", protocol] = tuple(_mean(error, everyone[protocol], outside) for error in (ade, fde))
+    return scores
+
+
+def _pick(errors, best, outside):
+    picked = np.take_along_axis(errors, np.maximum(best, 0)[:, None], axis=1)[:, 0]
+    return np.where((best < 0) | outside, np.nan, picked)
+
+
+def _mean(errors, counted, outside):
+    number = counted.sum(axis=1)
+    total = np.where(counted, errors, 0.0).sum(axis=1)
+    return np.where(outside | (number == 0), np.nan, total / np.maximum(number, 1))

@@ -1,0 +1,174 @@
+"""Configuration and dataset files: closed schemas, plain messages, recordings resolved to files."""
+
+import difflib
+import glob
+import os
+from datetime import date, datetime
+from pathlib import Path
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+import jsonschema
+import yaml
+
+from modlhmp.cleaning import RULES
+from modlhmp.readers.raw import COMPRESSED, find_recording
+from modlhmp.storage import DataError
+
+DATASET_DEFAULTS = {
+    "time_step_s": 1.0,
+    "observed_rows": 4,
+    "cleaning": ["single_row", "gap_over_5s"],
+    "paper_protocol": {"idle_filter": None},
+    "floor_plan": None,
+    "sources": [],
+    "demo": False,
+    "paper_results": None,
+}
+_READER_NEEDS = {
+    "edinburgh": ("frame_rate", "scale"),
+    "edinburgh_rows": ("frame_rate", "scale", "row_stride"),
+    "delimited": ("columns",),
+}
+_RULE_NEEDS = {"min_points": "points", "start_end_margin": "polygons", "lift_loiterers": "polygons"}
+
+
+def check(settings, schema, source):
+    """Raise `DataError` naming `source`, the key and the remedy unless `settings` fit the JSON schema `schema`."""
+    validator = jsonschema.Draft202012Validator(schema)
+    problems = [_explain(error) for error in sorted(validator.iter_errors(settings), key=lambda e: list(e.path))]
+    if problems:
+        raise DataError(f"{source}:\n  " + "\n  ".join(problems))
+
+
+def _explain(error):
+    where = ".".join(str(part) for part in error.absolute_path) or "top level"
+    if error.validator == "additionalProperties":
+        known = list(error.schema.get("properties", {}))
+        unknown = [key for key in error.instance if key not in known]
+        hints = [(key, difflib.get_close_matches(str(key), known, 1)) for key in unknown]
+        return "; ".join(
+            f"{where}: unknown key {key!r}" + (f", did you mean {hint[0]!r}?" if hint else f" (known: {', '.join(known)})")
+            for key, hint in hints
+        )
+    hint = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
+    return f"{where}: {error.message}" + (f" ({hint})" if hint else "")
+
+
+def check_config(config, datasets_folder):
+    """Checks that a schema cannot say: names that must exist elsewhere in the configuration."""
+    for name in config["compare"]:
+        if name not in config["methods"]:
+            raise DataError(_unknown("compare", "method", name, config["methods"]))
+    for pair in config["comparisons"]:
+        for name in pair:
+            if name not in config["methods"]:
+                raise DataError(_unknown("comparisons", "method", name, config["methods"]))
+    known = sorted(file.stem for file in Path(datasets_folder).glob("*.yaml"))
+    for name in config["datasets"]:
+        if name not in known:
+            raise DataError(_unknown("datasets", "dataset", name, known))
+
+
+def _unknown(key, what, name, known):
+    close = difflib.get_close_matches(name, list(known), 1)
+    hint = f"did you mean {close[0]!r}?" if close else f"known: {', '.join(known)}"
+    return f"configuration, {key}: no {what} named {name!r}; {hint}"
+
+
+def load_dataset(path, schema, data_root):
+    """Load a dataset file, check it, fill its defaults and resolve its recordings under `data_root`.
+
+    Each of the returned `recordings` has `name`, `path`, `exists`, `day`, `start`, `split` and `file` (under
+    `data_root`). A file that does not exist keeps the path where it is expected.
+    """
+    try:
+        listed = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise DataError(f"{path}: not valid YAML ({error})") from None
+    if not isinstance(listed, dict):
+        raise DataError(f"{path}: a dataset file is a mapping of keys, see config/README.md")
+    listed = _dates_as_text(listed)
+    check(listed, schema, path)
+    dataset = {"label": Path(path).stem, **DATASET_DEFAULTS, **listed, "name": Path(path).stem}
+    _check_dataset(path, dataset)
+    dataset["recordings"] = [found for entry in dataset["recordings"] for found in _resolve(path, entry, dataset, data_root)]
+    names = [recording["name"] for recording in dataset["recordings"]]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise DataError(f"{path}: two recordings are named {', '.join(sorted(twice))}; give the files different names")
+    for split in ("train", "test"):
+        if not any(recording["split"] == split for recording in dataset["recordings"]):
+            raise DataError(f"{path}: no recording has `split: {split}`; maps need training, scores need test recordings")
+    return dataset
+
+
+def _check_dataset(path, dataset):
+    try:
+        ZoneInfo(dataset["timezone"])
+    except (ZoneInfoNotFoundError, ValueError):
+        raise DataError(f"{path}: timezone {dataset['timezone']!r} is unknown; use a name such as Europe/London") from None
+    for key in _READER_NEEDS.get(dataset["reader"], ()):
+        if dataset.get(key) is None:
+            raise DataError(f"{path}: reader {dataset['reader']!r} needs the key {key!r}")
+    units = dataset.get("units", {})
+    for unit, key in (("px", "scale"), ("frame", "frame_rate")):
+        if unit in units.values() and dataset.get(key) is None:
+            raise DataError(f"{path}: units in {unit!r} need the key {key!r}")
+    has_velocity = dataset["reader"] in {"atc", "atc_1hz"} or "speed" in dataset.get("columns", {})
+    if dataset["velocity"] == "columns" and not has_velocity:
+        raise DataError(f"{path}: velocity: columns needs speed and heading columns; use velocity: differences")
+    if ("speed" in dataset.get("columns", {})) != ("heading" in dataset.get("columns", {})):
+        raise DataError(f"{path}: columns: give both speed and heading, or neither")
+    first, last = dataset["hours"]
+    if first >= last:
+        raise DataError(f"{path}: hours [{first}, {last}] are empty; say [first, one after the last]")
+    steps = dataset["horizon_s"] / dataset["time_step_s"]
+    if abs(steps - round(steps)) > 1e-9 or steps < 1:
+        raise DataError(f"{path}: horizon_s {dataset['horizon_s']} is not a multiple of time_step_s {dataset['time_step_s']}")
+    for entry in dataset["cleaning"]:
+        name, options = (entry, {}) if isinstance(entry, str) else next(iter(entry.items()))
+        if name not in RULES:
+            raise DataError(f"{path}: " + _unknown("cleaning", "rule", name, RULES))
+        if set(options) != ({_RULE_NEEDS[name]} if name in _RULE_NEEDS else set()):
+            raise DataError(f"{path}: cleaning rule {name} takes {_RULE_NEEDS.get(name, 'no option')}, got {sorted(options)}")
+
+
+def _resolve(path, entry, dataset, data_root):
+    """One `recordings` entry to the recordings it stands for."""
+    try:
+        datetime.fromisoformat(entry["day"])
+    except ValueError:
+        raise DataError(f"{path}: day {entry['day']!r} is not a date like 2012-10-24") from None
+    pattern = str(Path(data_root) / entry["files"])
+    found = find_recording(pattern)
+    files = sorted(glob.glob(pattern)) if glob.has_magic(entry["files"]) else [found or pattern]
+    if not files:
+        raise DataError(f"{path}: no file matches {pattern}; correct `files`, or `data_root` in the configuration")
+    return [
+        {
+            "name": _stem(file),
+            "path": str(file),
+            "exists": bool(found) or glob.has_magic(entry["files"]),
+            "file": os.path.relpath(file, data_root),
+            "day": entry["day"],
+            "start": entry.get("start"),
+            "split": entry["split"],
+        }
+        for file in files
+    ]
+
+
+def _stem(file):
+    name = Path(file).name
+    for suffix in COMPRESSED:
+        name = name.removesuffix(suffix)
+    stem, _, suffix = name.rpartition(".")
+    return stem if stem and suffix in {"csv", "txt", "tsv", "ndjson", "dat"} else name
+
+
+def _dates_as_text(value):
+    """YAML turns 2012-10-24 into a date; the schema and JSON want text."""
+    if isinstance(value, dict):
+        return {key: _dates_as_text(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_dates_as_text(entry) for entry in value]
+    return value.isoformat() if isinstance(value, date) else value

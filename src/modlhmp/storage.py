@@ -1,0 +1,98 @@
+"""Parquet files with their provenance: written under a temporary name, then renamed, so none is ever half."""
+
+import hashlib
+import json
+import os
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+_PROVENANCE = b"modlhmp"
+
+
+class DataError(ValueError):
+    """Something is wrong with the user's data or settings; the message names file, row, value and remedy."""
+
+
+def write_parquet(table, path, **provenance):
+    """Write a `pyarrow.Table` (or a dict of columns) to `path`, with `provenance` as JSON in the metadata."""
+    if isinstance(table, dict):
+        table = pa.table(table)
+    metadata = {**(table.schema.metadata or {}), **provenance_metadata(**provenance)}
+    with atomic_path(path) as temporary:
+        pq.write_table(table.replace_schema_metadata(metadata), temporary, compression="zstd")
+
+
+def read_parquet(path, columns=None):
+    """Read a table; a missing or damaged file is a `DataError` that says how to get it back."""
+    try:
+        return pq.read_table(path, columns=columns)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise DataError(f"{path}: cannot be read as Parquet ({error}); delete it and run the workflow again") from None
+
+
+def provenance_metadata(**provenance):
+    """Schema metadata that carries `provenance` as JSON."""
+    return {_PROVENANCE: json.dumps(provenance, sort_keys=True)}
+
+
+def read_metadata(path):
+    """The provenance that a file carries (empty for a foreign file)."""
+    return json.loads((pq.read_schema(path).metadata or {}).get(_PROVENANCE, b"{}"))
+
+
+def write_text(path, text):
+    """Write a text file atomically."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+class atomic_path:  # noqa: N801 - reads as a verb in `with atomic_path(path) as temporary`
+    """Context that yields a temporary name beside `path` and renames it on success, removes it on failure."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+        self.temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+
+    def __enter__(self):
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        return self.temporary
+
+    def __exit__(self, kind, value, traceback):
+        if kind is None:
+            self.temporary.replace(self.path)
+        else:
+            self.temporary.unlink(missing_ok=True)
+
+
+def file_sha256(path):
+    """SHA-256 of a file's bytes as hexadecimal text."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def provenance(wildcards, params, inputs):
+    """Where a result comes from: dataset and other wildcards, hash of the settings, code version, source files.
+
+    `inputs` are the files it was made of: a raw file is hashed, a Parquet file hands on the sources it carries.
+    """
+    settings = {key: value for key, value in params.items() if key != "code"}
+    sources = {}
+    for path in map(Path, inputs):
+        if path.is_dir():
+            files = sorted(path.glob("*.parquet"))
+        else:
+            files = [path]
+        for file in files:
+            if file.suffix == ".parquet":
+                sources.update(read_metadata(file).get("sources", {}))
+            elif file.is_file():
+                sources[file.name] = file_sha256(file)
+    return {
+        **wildcards,
+        "settings": hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode()).hexdigest()[:12],
+        "code": params.get("code"),
+        "seed": params.get("seeds"),
+        "sources": sources,
+    }

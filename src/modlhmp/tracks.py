@@ -1,0 +1,84 @@
+"""The track table: who was where, when, how fast and which way.
+
+One row a person and time step, sorted by track, then time. Units: s (unix, UTC), m, m/s, rad in (-pi, pi].
+"""
+
+from datetime import datetime
+from typing import NamedTuple
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pyarrow as pa
+
+from modlhmp.storage import DataError, read_parquet, write_parquet
+
+COLUMNS = {"track_id": np.int64, "t": np.float64, "x": np.float64, "y": np.float64,
+           "speed": np.float64, "heading": np.float64}  # fmt: skip
+
+
+class Tracks(NamedTuple):
+    """Rows of tracks as equally long 1-d arrays; `speed` and `heading` are NaN where unknown."""
+
+    track_id: np.ndarray
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    speed: np.ndarray
+    heading: np.ndarray
+
+    def take(self, rows):
+        """The rows of a mask or an index array."""
+        return Tracks(*(column[rows] for column in self))
+
+    def bounds(self):
+        """First row of every track and, as the last entry, the number of rows: shape [tracks + 1]."""
+        changes = np.flatnonzero(self.track_id[1:] != self.track_id[:-1]) + 1
+        return np.concatenate([[0], changes, [len(self.t)]]) if len(self.t) else np.zeros(1, np.int64)
+
+
+def empty_tracks():
+    """A table without rows."""
+    return Tracks(*(np.empty(0, kind) for kind in COLUMNS.values()))
+
+
+def concatenate(tables):
+    """One table of several, in the order given (ids must differ between them)."""
+    tables = list(tables)
+    return Tracks(*map(np.concatenate, zip(*tables, strict=True))) if tables else empty_tracks()
+
+
+def write_tracks(tracks, path, **provenance):
+    """Write the clean form of a recording (design: `tracks/{recording}.parquet`)."""
+    write_parquet(pa.table(dict(zip(COLUMNS, tracks, strict=True))), path, **provenance)
+
+
+def read_tracks(path):
+    """Read a clean recording; `DataError` if it lacks a column."""
+    table = read_parquet(path)
+    missing = [name for name in COLUMNS if name not in table.column_names]
+    if missing:
+        raise DataError(f"{path}: no column {', '.join(missing)}; it is not a track table of this version")
+    return Tracks(*(table[name].to_numpy() for name in COLUMNS))
+
+
+def wrap_angle(angle):
+    """Wrap angles [rad] to (-pi, pi]."""
+    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+
+
+def circular_difference(a, b):
+    """Signed smallest difference a - b of angles [rad], in (-pi, pi]."""
+    return wrap_angle(a - b)
+
+
+def clock_hours(t, timezone):
+    """Local clock hour (0-23) of unix times [s]."""
+    return (np.floor(np.asarray(t, float) + clock_offsets(t, timezone)).astype(np.int64) // 3600) % 24
+
+
+def clock_offsets(t, timezone):
+    """Local time minus UTC [s] at unix times [s]; zones change theirs at full quarters of an hour only."""
+    zone = ZoneInfo(timezone)
+    quarters, inverse = np.unique(np.floor_divide(np.asarray(t, float), 900).astype(np.int64), return_inverse=True)
+    offsets = [datetime.fromtimestamp(900 * int(q), zone).utcoffset().total_seconds() for q in quarters]
+    return np.array(offsets, float)[inverse.ravel()].reshape(np.shape(t))

@@ -1,0 +1,100 @@
+# Configuration, datasets and the helpers of the rule files. Nothing here makes a file.
+#
+# INPUTS   config/config.yaml and overlays, config/datasets/<name>.yaml, workflow/schemas/*
+# OUTPUTS  DATASETS, METHODS and the small functions below
+# STEPS    check the configuration, load the datasets, constrain the wildcards
+import hashlib
+import importlib.util
+import os
+from pathlib import Path
+
+import yaml
+from snakemake.exceptions import WorkflowError
+
+from modlhmp.maps import HOURLY, KINDS as MAP_KINDS, map_path
+from modlhmp.settings import check, check_config, load_dataset
+from modlhmp.storage import DataError
+
+ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parents[1]
+
+
+def load_schema(name):
+    return yaml.safe_load((ROOT / "workflow/schemas" / f"{name}.schema.yaml").read_text())
+
+
+try:
+    check(config, load_schema("config"), "configuration")
+    check_config(config, ROOT / "config/datasets")
+    DATA_ROOT = Path(os.environ.get("MODLHMP_DATA") or config["data_root"])
+    DATASETS = {}
+    for name in config["datasets"]:
+        file = ROOT / "config/datasets" / f"{name}.yaml"
+        listed = yaml.safe_load(file.read_text()) or {}
+        # Demo recordings are generated into the project, whatever MODLHMP_DATA says.
+        root = Path("resources/demo") if listed.get("demo") else DATA_ROOT
+        DATASETS[name] = load_dataset(file, load_schema("dataset"), root)
+except DataError as error:
+    raise WorkflowError(f"\n{error}") from None
+
+RUN = config["run"]
+METHODS = {
+    name: {**config["methods"][name], "options": {**config["rollout"], **config["methods"][name].get("options", {})}}
+    for name in config["compare"]
+}
+
+
+wildcard_constraints:
+    dataset="|".join(DATASETS),
+    method="|".join(METHODS),
+    recording="[^/]+",
+    label="[a-z0-9_-]+",
+
+
+def code_version(*modules):
+    """Hash of modules or whole sub-packages: an edit reruns the rules whose result depends on them."""
+    digest = hashlib.sha256()
+    for module in modules:
+        origin = Path(importlib.util.find_spec(module).origin)
+        files = sorted(origin.parent.rglob("*.py")) if origin.name == "__init__.py" else [origin]
+        for file in files:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def settings_of(dataset):
+    """A dataset's settings without its recordings: what a rule's result depends on."""
+    return {key: value for key, value in DATASETS[dataset].items() if key not in {"recordings", "sources"}}
+
+
+def recordings(dataset, split=None):
+    """Recordings of a dataset, all or of one split, in the order of the dataset file."""
+    return [r for r in DATASETS[dataset]["recordings"] if split in (None, r["split"])]
+
+
+def recording(wildcards):
+    """The recording that the wildcards name."""
+    return next(r for r in recordings(wildcards.dataset) if r["name"] == wildcards.recording)
+
+
+def track_files(split):
+    """Input function: the clean recordings of a split."""
+
+    def files(wildcards):
+        return [f"results/{RUN}/{wildcards.dataset}/tracks/{r['name']}.parquet" for r in recordings(wildcards.dataset, split)]
+
+    return files
+
+
+def method_map(wildcards):
+    """Input function: the map that a method needs, nothing for one without."""
+    kind = METHODS[wildcards.method]["kind"]
+    return map_path(f"results/{RUN}/{wildcards.dataset}/maps", kind) if kind in MAP_KINDS else []
+
+
+def dataset_of_label(label):
+    return next(name for name, dataset in DATASETS.items() if dataset["label"] == label)
+
+
+LABELS = [dataset["label"] for dataset in DATASETS.values()]
+KINDS_RUN = {method["kind"] for method in METHODS.values()}
+EXHIBITS = f"paper_figures/{RUN}"

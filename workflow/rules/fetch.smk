@@ -1,0 +1,59 @@
+# Raw recordings: generated for the demo, fetched where a dataset file lists sources, else asked of the user.
+#
+# INPUTS   nothing, or a dataset file's `sources`
+# OUTPUTS  raw files that are not there yet: under resources/demo, or under data_root
+# STEPS    make_demo_recording | fetch_recording
+from modlhmp.demo import RECORDINGS as DEMO_RECORDINGS
+
+DEMO_FILES = {recording.file: recording for recording in DEMO_RECORDINGS}
+# Files that are there belong to the user: no rule may make, and so first remove, them.
+MISSING = {
+    recording["path"]: (name, recording["file"])
+    for name, dataset in DATASETS.items()
+    for recording in dataset["recordings"]
+    if not dataset["demo"] and not recording["exists"]
+}
+
+
+rule make_demo_recording:
+    """Write one made-up day in the true raw format, bad rows and tracks planted."""
+    output:
+        "resources/demo/{file}",
+    log:
+        "results/demo/logs/make_demo_recording/{file}.log",
+    params:
+        day=lambda wildcards: DEMO_FILES[wildcards.file]._asdict(),
+        demo=config["demo"],
+        code=code_version("modlhmp.demo"),
+    resources:
+        mem_mb=1000,
+        runtime=5,
+    wildcard_constraints:
+        file="|".join(DEMO_FILES),
+    message:
+        "Demo recording {wildcards.file}"
+    script:
+        "../scripts/make_demo_recording.py"
+
+
+rule fetch_recording:
+    """Download a recording that its dataset file lists, or say where a person gets it."""
+    output:
+        "{missing}",
+    log:
+        f"results/{RUN}/logs/fetch_recording/{{missing}}.log",
+    params:
+        file=lambda wildcards: MISSING[wildcards.missing][1],
+        dataset=lambda wildcards: {
+            key: DATASETS[MISSING[wildcards.missing][0]].get(key) for key in ("title", "owner_page", "sources")
+        },
+        sums="resources/SHA256SUMS",
+    resources:
+        mem_mb=500,
+        runtime=240,
+    wildcard_constraints:
+        missing="|".join(map(re.escape, MISSING)) or "nothing_is_missing",
+    message:
+        "Fetch {wildcards.missing}"
+    script:
+        "../scripts/fetch_recording.py"

@@ -1,0 +1,30 @@
+# Forecasts of every usable test track, to the longest horizon.
+#
+# INPUTS   a clean test recording; the map of the method, if it has one
+# OUTPUTS  results/{run}/{dataset}/forecasts/{method}/{recording}.parquet
+# STEPS    forecast_recording
+
+
+rule forecast_recording:
+    """k futures of each usable track of a test recording, for every seed."""
+    input:
+        tracks=f"results/{RUN}/{{dataset}}/tracks/{{recording}}.parquet",
+        map=method_map,
+    output:
+        f"results/{RUN}/{{dataset}}/forecasts/{{method}}/{{recording}}.parquet",
+    log:
+        f"results/{RUN}/logs/forecast_recording/{{dataset}}/{{method}}/{{recording}}.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/forecast_recording/{{dataset}}/{{method}}/{{recording}}.tsv"
+    params:
+        method=lambda wildcards: METHODS[wildcards.method],
+        dataset=lambda wildcards: settings_of(wildcards.dataset),
+        seeds=config["seeds"],
+        code=code_version("modlhmp.forecasting", "modlhmp.maps", "modlhmp.tracks"),
+    resources:
+        mem_mb=1500,
+        runtime=60,
+    message:
+        "Forecast {wildcards.dataset} {wildcards.recording} with {wildcards.method}"
+    script:
+        "../scripts/forecast_recording.py"

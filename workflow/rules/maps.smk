@@ -1,0 +1,80 @@
+# Maps of dynamics from the training recordings.
+#
+# INPUTS   clean training tracks
+# OUTPUTS  results/{run}/{dataset}/maps: cliff.parquet, tc_cliff/{hour}.parquet, stef.parquet, stef/{hour}.parquet
+# STEPS    build_cliff, build_tc_cliff, build_stef
+MAPS = f"results/{RUN}/{{dataset}}/maps"
+CLIFF_CODE = code_version(
+    "modlhmp.maps.cliff", "modlhmp.maps.swgmm", "modlhmp.maps.mean_shift", "modlhmp.tracks"
+)
+
+
+rule build_cliff:
+    """CLiFF-map of all training hours together."""
+    input:
+        tracks=track_files("train"),
+    output:
+        MAPS + "/cliff.parquet",
+    log:
+        f"results/{RUN}/logs/build_cliff/{{dataset}}.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/build_cliff/{{dataset}}.tsv"
+    params:
+        options=config["maps"]["cliff"],
+        code=CLIFF_CODE,
+    resources:
+        mem_mb=1500,
+        runtime=60,
+    message:
+        "CLiFF-map of {wildcards.dataset}"
+    script:
+        "../scripts/build_cliff.py"
+
+
+rule build_tc_cliff:
+    """Time-conditioned CLiFF-map: one map for each clock hour that has training data."""
+    input:
+        tracks=track_files("train"),
+    output:
+        directory(MAPS + "/tc_cliff"),
+    log:
+        f"results/{RUN}/logs/build_tc_cliff/{{dataset}}.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/build_tc_cliff/{{dataset}}.tsv"
+    params:
+        options=config["maps"]["cliff"],
+        timezone=lambda wildcards: DATASETS[wildcards.dataset]["timezone"],
+        hours=lambda wildcards: DATASETS[wildcards.dataset]["hours"],
+        code=CLIFF_CODE,
+    resources:
+        mem_mb=1500,
+        runtime=60,
+    message:
+        "Time-conditioned CLiFF-map of {wildcards.dataset}"
+    script:
+        "../scripts/build_tc_cliff.py"
+
+
+rule build_stef:
+    """STeF-map as periodic functions, and its orientation probabilities in the middle of each hour."""
+    input:
+        tracks=track_files("train"),
+    output:
+        spectra=MAPS + "/stef.parquet",
+        hours=directory(MAPS + "/stef"),
+    log:
+        f"results/{RUN}/logs/build_stef/{{dataset}}.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/build_stef/{{dataset}}.tsv"
+    params:
+        options=config["maps"]["stef"],
+        timezone=lambda wildcards: DATASETS[wildcards.dataset]["timezone"],
+        hours=lambda wildcards: DATASETS[wildcards.dataset]["hours"],
+        code=code_version("modlhmp.maps.stef", "modlhmp.maps.fremen", "modlhmp.tracks"),
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    message:
+        "STeF-map of {wildcards.dataset}"
+    script:
+        "../scripts/build_stef.py"

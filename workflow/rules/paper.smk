@@ -1,0 +1,188 @@
+# The exhibits, named after the paper's labels.
+#
+# INPUTS   paper_figures/{run}/results.csv, the t-tests, the maps
+# OUTPUTS  paper_figures/{run}/<label>.{csv,tex,md} for tables, .{pdf,png,csv} for figures
+# STEPS    table_parameters, table_results, table_ttests, figure_horizon_errors, figure_ranking, figure_hourly_maps;
+#          tables, figures collect them
+TITLES = {name: method["title"] for name, method in METHODS.items()}
+SETTINGS = [settings_of(name) for name in DATASETS]
+PAPER_STYLE = ("modlhmp.paper.style", "modlhmp.paper.selection")
+
+
+def table_files(label):
+    return {kind: f"{EXHIBITS}/{label}.{kind}" for kind in ("csv", "tex", "md")}
+
+
+rule table_parameters:
+    """Parameters of the experiment, with the 90th percentile of track length."""
+    input:
+        tracks=[
+            f"results/{RUN}/{name}/tracks/{r['name']}.parquet"
+            for name in DATASETS
+            for r in recordings(name, "test")
+        ],
+    output:
+        **table_files("tab_scenarios"),
+    log:
+        f"results/{RUN}/logs/table_parameters.log",
+    params:
+        datasets=SETTINGS,
+        rollout=config["rollout"],
+        maps=config["maps"],
+        code=code_version("modlhmp.paper.tables", "modlhmp.forecasting.observe"),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Table of parameters"
+    script:
+        "../scripts/table_parameters.py"
+
+
+rule table_results:
+    """ADE and FDE of every method and dataset under both protocols."""
+    input:
+        results=rules.summarise_results.output[0],
+    output:
+        csv=f"{EXHIBITS}/tab_expres.csv",
+        tex=f"{EXHIBITS}/tab_expres.tex",
+        md=report(
+            f"{EXHIBITS}/tab_expres.md",
+            caption="../report/tab_expres.rst",
+            category="Tables",
+            labels={"exhibit": "results", "run": RUN},
+        ),
+    log:
+        f"results/{RUN}/logs/table_results.log",
+    params:
+        datasets=SETTINGS,
+        methods=TITLES,
+        horizons=config["tables"]["horizons_s"],
+        code=code_version("modlhmp.paper.tables", "modlhmp.paper.selection"),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Table of results"
+    script:
+        "../scripts/table_results.py"
+
+
+rule table_ttests:
+    """All paired t-tests."""
+    input:
+        [f"results/{RUN}/{name}/ttests.parquet" for name in DATASETS],
+    output:
+        **table_files("tab_ttests"),
+    log:
+        f"results/{RUN}/logs/table_ttests.log",
+    params:
+        datasets=SETTINGS,
+        methods=TITLES,
+        code=code_version("modlhmp.paper.tables"),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Table of t-tests"
+    script:
+        "../scripts/table_ttests.py"
+
+
+rule figure_horizon_errors:
+    """ADE and FDE against the horizon (the paper's fig:atc_final and fig:edin_final)."""
+    input:
+        results=rules.summarise_results.output[0],
+    output:
+        csv=f"{EXHIBITS}/{{label}}_final.csv",
+        pdf=f"{EXHIBITS}/{{label}}_final.pdf",
+        png=report(
+            f"{EXHIBITS}/{{label}}_final.png",
+            caption="../report/final.rst",
+            category="Figures",
+            labels={"exhibit": "errors against horizon", "dataset": "{label}"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_horizon_errors/{{label}}.log",
+    params:
+        dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
+        methods=TITLES,
+        code=code_version("modlhmp.paper.horizon_errors", *PAPER_STYLE),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure {wildcards.label}_final"
+    script:
+        "../scripts/figure_horizon_errors.py"
+
+
+rule figure_ranking:
+    """TC-CLiFF with and without ranking (the paper's fig:rank-metrics)."""
+    input:
+        results=rules.summarise_results.output[0],
+    output:
+        csv=f"{EXHIBITS}/rank-metrics.csv",
+        pdf=f"{EXHIBITS}/rank-metrics.pdf",
+        png=report(
+            f"{EXHIBITS}/rank-metrics.png",
+            caption="../report/rank-metrics.rst",
+            category="Figures",
+            labels={"exhibit": "with and without ranking", "dataset": "all"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_ranking.log",
+    params:
+        datasets=SETTINGS,
+        code=code_version("modlhmp.paper.ranking_gain", *PAPER_STYLE),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure rank-metrics"
+    script:
+        "../scripts/figure_ranking.py"
+
+
+rule figure_hourly_maps:
+    """Time-conditioned CLiFF-maps of a few hours (the paper's fig:cliff-atc-time)."""
+    input:
+        maps=lambda wildcards: f"results/{RUN}/{dataset_of_label(wildcards.label)}/maps/tc_cliff",
+    output:
+        csv=f"{EXHIBITS}/cliff-{{label}}-time.csv",
+        pdf=f"{EXHIBITS}/cliff-{{label}}-time.pdf",
+        png=report(
+            f"{EXHIBITS}/cliff-{{label}}-time.png",
+            caption="../report/cliff-time.rst",
+            category="Maps",
+            labels={"exhibit": "hourly TC-CLiFF maps", "dataset": "{label}"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_hourly_maps/{{label}}.log",
+    params:
+        dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
+        code=code_version("modlhmp.paper.hourly_maps", *PAPER_STYLE),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    message:
+        "Figure cliff-{wildcards.label}-time"
+    script:
+        "../scripts/figure_hourly_maps.py"
+
+
+rule tables:
+    """Every table of the run."""
+    input:
+        rules.summarise_results.output,
+        rules.table_parameters.output,
+        rules.table_results.output,
+        rules.table_ttests.output,
+
+
+rule figures:
+    """Every figure of the run."""
+    input:
+        expand(rules.figure_horizon_errors.output, label=LABELS),
+        expand(rules.figure_hourly_maps.output, label=LABELS) if "tc_cliff" in KINDS_RUN else [],
+        rules.figure_ranking.output if "tc_cliff" in METHODS else [],

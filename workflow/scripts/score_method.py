@@ -1,0 +1,20 @@
+"""Rule score_method."""
+
+import pyarrow as pa
+
+from modlhmp.forecasting import read_forecasts
+from modlhmp.logs import job_log
+from modlhmp.scoring import score_recording
+from modlhmp.storage import provenance, write_parquet
+from modlhmp.tracks import read_tracks
+
+with job_log(snakemake.log[0]) as log:
+    tables = []
+    for name, tracks, forecasts in zip(
+        snakemake.params.recordings, snakemake.input.tracks, snakemake.input.forecasts, strict=True
+    ):
+        tables.append(score_recording(read_tracks(tracks), read_forecasts(forecasts), name, snakemake.params.dataset))
+    errors = pa.concat_tables(tables).unify_dictionaries()
+    log.info("%d rows of errors", errors.num_rows)
+    origin = provenance(dict(snakemake.wildcards), dict(snakemake.params), snakemake.input)
+    write_parquet(errors, snakemake.output[0], **origin)
