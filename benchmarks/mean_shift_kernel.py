@@ -41,7 +41,10 @@ def main(path, timezone):
             sums += held_out(tracks.take(hours == hour), validation[hours == hour], rule)
         whole = held_out(tracks, validation, rule)
         for name, (total, n, components, locations) in (("hourly", sums), ("whole day", whole)):
-            print(f"{rule:10s} {name:10s} {total / n:8.4f} nat/observation, n {n:.0f}, {components / locations:.2f} components a location")
+            print(
+                f"{rule:10s} {name:10s} {total / n:8.4f} nat/observation, n {n:.0f}, "
+                f"{components / locations:.2f} components a location"
+            )
 
 
 if __name__ == "__main__":

@@ -29,7 +29,9 @@ def clean_recording(path, dataset, recording):
         tracks = interpolate(tracks, dataset["time_step_s"])
     account.rows_written = len(tracks.t)
     if not len(tracks.t):
-        raise DataError(f"{path}: cleaning left no track; dropped {dict(account.dropped_tracks)}; is `cleaning` too strict?")
+        raise DataError(
+            f"{path}: cleaning left no track; dropped {dict(account.dropped_tracks)}; is `cleaning` too strict?"
+        )
     return tracks, account.as_dict()
 
 
@@ -40,7 +42,9 @@ def single_row(tracks, dataset):
 
 def gap_over_5s(tracks, dataset):
     """Tracks with a gap of more than 5 s between two rows: probably two persons under one id."""
-    return _any_row(tracks, np.concatenate([[False], (np.diff(tracks.t) > MAX_GAP_S) & (np.diff(tracks.track_id) == 0)]))
+    return _any_row(
+        tracks, np.concatenate([[False], (np.diff(tracks.t) > MAX_GAP_S) & (np.diff(tracks.track_id) == 0)])
+    )
 
 
 def min_points(tracks, dataset, points):

@@ -448,6 +448,7 @@ def _forum_track(rng, plan, route, pace, *, start_s, defect):
         path = np.concatenate([path[: (seen := rng.integers(6, 14))], path[seen::-1]])
     elif defect == "margin_track":  # lost in the middle
         inside = (path > (60, 60)).all(axis=1) & (path < (580, 410)).all(axis=1)
+        inside &= (path[:, 0] > 165) | (path[:, 1] < 270)  # not at the front door
         path = path[: np.flatnonzero(inside)[-1] + 1]
     frames = np.arange(len(path))
     seen = np.cumsum(np.append(0, rng.choice(_FRAME_STEPS, len(path), p=_FRAME_ODDS)))

@@ -25,9 +25,9 @@ _PASSING = (URLError, http.client.HTTPException, ConnectionError, TimeoutError, 
 def fetch(url, path, sha256=None, sums=None, retries=5, progress=True, name=None):
     """Download `url` to `path`, check it as `check_sum` does, and return its SHA-256.
 
-    A file already at `path` is checked, never replaced. An interrupted download stays in `<path>.part` for the
-    next call to continue. Raises `DataError` if the address is refused (4xx) or unusable, the server fails
-    after `retries` retries too, another process is downloading the file, or the sum differs (the download is
+    A file already at `path` is checked, never replaced. An interrupted download stays in `<path>.part`, where
+    the next call continues it. Raises `DataError` if the address is refused (4xx) or unusable, the server
+    fails all `retries` retries, another process is downloading the file, or the sum differs (the download is
     then discarded); `OSError` if the folder cannot be written.
     """
     path = Path(path)
@@ -60,9 +60,9 @@ def fetch(url, path, sha256=None, sums=None, retries=5, progress=True, name=None
 def check_sum(path, name=None, sha256=None, sums=None):
     """Check a file against `sha256`, else against its line in the text file `sums`; return its SHA-256.
 
-    A file without a line in `sums` gets one, as sha256sum writes it, under `name` or else under its path relative
-    to the folder of `sums`. Without `sha256` and `sums` nothing is checked. Raises `DataError` if the sum differs
-    or a line of `sums` cannot be read; `OSError` if the file cannot be read or `sums` cannot be written.
+    A file without a line in `sums` gets one, as sha256sum writes it, under `name` or else under its path
+    relative to the folder of `sums`. Without `sha256` and `sums` nothing is checked. Raises `DataError` if the
+    sum differs or a line of `sums` cannot be read; `OSError` if the file cannot be read or `sums` written.
     """
     return _check(path, path, name, sha256, sums, f"delete {path} and run again to fetch a fresh copy")
 

@@ -18,12 +18,13 @@ def job_log(path):
     """
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     logging.basicConfig(
-        level=logging.INFO, format="%(message)s", force=True,
+        level=logging.WARNING, format="%(message)s", force=True,
         handlers=[logging.FileHandler(path, mode="w"), logging.StreamHandler(sys.stderr)],
     )  # fmt: skip
     logging.captureWarnings(True)
     warnings.simplefilter("default")
     log = logging.getLogger("modlhmp")
+    log.setLevel(logging.INFO)
     try:
         yield log
     except DataError as error:

@@ -47,7 +47,8 @@ def _explain(error):
         unknown = [key for key in error.instance if key not in known]
         hints = [(key, difflib.get_close_matches(str(key), known, 1)) for key in unknown]
         return "; ".join(
-            f"{where}: unknown key {key!r}" + (f", did you mean {hint[0]!r}?" if hint else f" (known: {', '.join(known)})")
+            f"{where}: unknown key {key!r}"
+            + (f", did you mean {hint[0]!r}?" if hint else f" (known: {', '.join(known)})")
             for key, hint in hints
         )
     hint = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
@@ -91,13 +92,17 @@ def load_dataset(path, schema, data_root):
     check(listed, schema, path)
     dataset = {"label": Path(path).stem, **DATASET_DEFAULTS, **listed, "name": Path(path).stem}
     _check_dataset(path, dataset)
-    dataset["recordings"] = [found for entry in dataset["recordings"] for found in _resolve(path, entry, dataset, data_root)]
+    dataset["recordings"] = [
+        found for entry in dataset["recordings"] for found in _resolve(path, entry, dataset, data_root)
+    ]
     names = [recording["name"] for recording in dataset["recordings"]]
     if twice := {name for name in names if names.count(name) > 1}:
         raise DataError(f"{path}: two recordings are named {', '.join(sorted(twice))}; give the files different names")
     for split in ("train", "test"):
         if not any(recording["split"] == split for recording in dataset["recordings"]):
-            raise DataError(f"{path}: no recording has `split: {split}`; maps need training, scores need test recordings")
+            raise DataError(
+                f"{path}: no recording has `split: {split}`; maps need training, scores need test recordings"
+            )
     return dataset
 
 
@@ -105,7 +110,9 @@ def _check_dataset(path, dataset):
     try:
         ZoneInfo(dataset["timezone"])
     except (ZoneInfoNotFoundError, ValueError):
-        raise DataError(f"{path}: timezone {dataset['timezone']!r} is unknown; use a name such as Europe/London") from None
+        raise DataError(
+            f"{path}: timezone {dataset['timezone']!r} is unknown; use a name such as Europe/London"
+        ) from None
     for key in _READER_NEEDS.get(dataset["reader"], ()):
         if dataset.get(key) is None:
             raise DataError(f"{path}: reader {dataset['reader']!r} needs the key {key!r}")
@@ -123,13 +130,17 @@ def _check_dataset(path, dataset):
         raise DataError(f"{path}: hours [{first}, {last}] are empty; say [first, one after the last]")
     steps = dataset["horizon_s"] / dataset["time_step_s"]
     if abs(steps - round(steps)) > 1e-9 or steps < 1:
-        raise DataError(f"{path}: horizon_s {dataset['horizon_s']} is not a multiple of time_step_s {dataset['time_step_s']}")
+        raise DataError(
+            f"{path}: horizon_s {dataset['horizon_s']} is not a multiple of time_step_s {dataset['time_step_s']}"
+        )
     for entry in dataset["cleaning"]:
         name, options = (entry, {}) if isinstance(entry, str) else next(iter(entry.items()))
         if name not in RULES:
             raise DataError(f"{path}: " + _unknown("cleaning", "rule", name, RULES))
         if set(options) != ({_RULE_NEEDS[name]} if name in _RULE_NEEDS else set()):
-            raise DataError(f"{path}: cleaning rule {name} takes {_RULE_NEEDS.get(name, 'no option')}, got {sorted(options)}")
+            raise DataError(
+                f"{path}: cleaning rule {name} takes {_RULE_NEEDS.get(name, 'no option')}, got {sorted(options)}"
+            )
 
 
 def _resolve(path, entry, dataset, data_root):

@@ -80,11 +80,7 @@ def provenance(wildcards, params, inputs):
     settings = {key: value for key, value in params.items() if key != "code"}
     sources = {}
     for path in map(Path, inputs):
-        if path.is_dir():
-            files = sorted(path.glob("*.parquet"))
-        else:
-            files = [path]
-        for file in files:
+        for file in sorted(path.glob("*.parquet")) if path.is_dir() else [path]:
             if file.suffix == ".parquet":
                 sources.update(read_metadata(file).get("sources", {}))
             elif file.is_file():

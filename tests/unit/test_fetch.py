@@ -1,4 +1,4 @@
-"""Downloads from a server on this machine that resumes, breaks off, fails and lies; sums recorded and checked."""
+"""Downloads from a local server that resumes, breaks off, fails and lies; sums recorded and checked."""
 
 import fcntl
 import hashlib
@@ -27,10 +27,10 @@ fetch = partial(fetching.fetch, progress=False)
 class Handler(BaseHTTPRequestHandler):
     """The first word of the address says how the server behaves; each request is noted in `server.seen`."""
 
-    def do_GET(self):  # noqa: N802 - the name that http.server looks for
-        self.asked = self.headers.get("Range")
-        self.server.seen.append(SimpleNamespace(range=self.asked, sent=0))
-        getattr(self, self.path.strip("/").split(".")[0])(self.asked, len(self.server.seen))
+    def do_GET(self):
+        asked = self.headers.get("Range")
+        self.server.seen.append(SimpleNamespace(range=asked, sent=0))
+        getattr(self, self.path.strip("/").split(".")[0])(asked, len(self.server.seen))
 
     def log_message(self, *_):
         """Keep the test output clean."""
@@ -239,7 +239,7 @@ def test_part_outlives_failure(server, path):
 def test_unreachable_server(server, path):
     server.shutdown()
     server.server_close()
-    with pytest.raises(DataError, match="failed 2 times.*refused"):
+    with pytest.raises(DataError, match=r"failed 2 times.*refused"):
         fetch(server.at("plain"), path, retries=1)
 
 

@@ -16,15 +16,17 @@ rule clean_recording:
         f"results/{RUN}/logs/clean_recording/{{dataset}}/{{recording}}.log",
     benchmark:
         f"results/{RUN}/benchmarks/clean_recording/{{dataset}}/{{recording}}.tsv"
-    params:
-        dataset=lambda wildcards: settings_of(wildcards.dataset),
-        recording=lambda wildcards: {key: recording(wildcards)[key] for key in ("file", "day", "start", "split")},
-        sources=lambda wildcards: DATASETS[wildcards.dataset]["sources"],
-        sums="resources/SHA256SUMS",
-        code=code_version("modlhmp.readers", "modlhmp.cleaning", "modlhmp.tracks"),
     resources:
         mem_mb=1000,
         runtime=30,
+    params:
+        dataset=lambda wildcards: settings_of(wildcards.dataset),
+        recording=lambda wildcards: {
+            key: recording(wildcards)[key] for key in ("file", "day", "start", "split")
+        },
+        sources=lambda wildcards: DATASETS[wildcards.dataset]["sources"],
+        sums="resources/SHA256SUMS",
+        code=code_version("modlhmp.readers", "modlhmp.cleaning", "modlhmp.tracks"),
     message:
         "Clean {wildcards.dataset} {wildcards.recording}"
     script:

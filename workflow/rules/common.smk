@@ -19,7 +19,9 @@ ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parents[
 
 
 def load_schema(name):
-    return yaml.safe_load((ROOT / "workflow/schemas" / f"{name}.schema.yaml").read_text())
+    return yaml.safe_load(
+        (ROOT / "workflow/schemas" / f"{name}.schema.yaml").read_text()
+    )
 
 
 try:
@@ -37,8 +39,12 @@ except DataError as error:
     raise WorkflowError(f"\n{error}") from None
 
 RUN = config["run"]
+EXHIBITS = f"paper_figures/{RUN}"
 METHODS = {
-    name: {**config["methods"][name], "options": {**config["rollout"], **config["methods"][name].get("options", {})}}
+    name: {
+        **config["methods"][name],
+        "options": {**config["rollout"], **config["methods"][name].get("options", {})},
+    }
     for name in config["compare"]
 }
 
@@ -55,7 +61,11 @@ def code_version(*modules):
     digest = hashlib.sha256()
     for module in modules:
         origin = Path(importlib.util.find_spec(module).origin)
-        files = sorted(origin.parent.rglob("*.py")) if origin.name == "__init__.py" else [origin]
+        files = (
+            sorted(origin.parent.rglob("*.py"))
+            if origin.name == "__init__.py"
+            else [origin]
+        )
         for file in files:
             digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
@@ -63,7 +73,11 @@ def code_version(*modules):
 
 def settings_of(dataset):
     """A dataset's settings without its recordings: what a rule's result depends on."""
-    return {key: value for key, value in DATASETS[dataset].items() if key not in {"recordings", "sources"}}
+    return {
+        key: value
+        for key, value in DATASETS[dataset].items()
+        if key not in {"recordings", "sources"}
+    }
 
 
 def recordings(dataset, split=None):
@@ -73,14 +87,19 @@ def recordings(dataset, split=None):
 
 def recording(wildcards):
     """The recording that the wildcards name."""
-    return next(r for r in recordings(wildcards.dataset) if r["name"] == wildcards.recording)
+    return next(
+        r for r in recordings(wildcards.dataset) if r["name"] == wildcards.recording
+    )
 
 
 def track_files(split):
     """Input function: the clean recordings of a split."""
 
     def files(wildcards):
-        return [f"results/{RUN}/{wildcards.dataset}/tracks/{r['name']}.parquet" for r in recordings(wildcards.dataset, split)]
+        return [
+            f"results/{RUN}/{wildcards.dataset}/tracks/{r['name']}.parquet"
+            for r in recordings(wildcards.dataset, split)
+        ]
 
     return files
 
@@ -88,13 +107,22 @@ def track_files(split):
 def method_map(wildcards):
     """Input function: the map that a method needs, nothing for one without."""
     kind = METHODS[wildcards.method]["kind"]
-    return map_path(f"results/{RUN}/{wildcards.dataset}/maps", kind) if kind in MAP_KINDS else []
+    return (
+        map_path(f"results/{RUN}/{wildcards.dataset}/maps", kind)
+        if kind in MAP_KINDS
+        else []
+    )
 
 
 def dataset_of_label(label):
+    """Name of the dataset whose exhibits carry a label."""
     return next(name for name, dataset in DATASETS.items() if dataset["label"] == label)
+
+
+def table_files(label):
+    """The three forms of a table."""
+    return {kind: f"{EXHIBITS}/{label}.{kind}" for kind in ("csv", "tex", "md")}
 
 
 LABELS = [dataset["label"] for dataset in DATASETS.values()]
 KINDS_RUN = {method["kind"] for method in METHODS.values()}
-EXHIBITS = f"paper_figures/{RUN}"

@@ -21,15 +21,15 @@ rule make_demo_recording:
         "resources/demo/{file}",
     log:
         "results/demo/logs/make_demo_recording/{file}.log",
+    wildcard_constraints:
+        file="|".join(DEMO_FILES),
+    resources:
+        mem_mb=1000,
+        runtime=5,
     params:
         day=lambda wildcards: DEMO_FILES[wildcards.file]._asdict(),
         demo=config["demo"],
         code=code_version("modlhmp.demo"),
-    resources:
-        mem_mb=1000,
-        runtime=5,
-    wildcard_constraints:
-        file="|".join(DEMO_FILES),
     message:
         "Demo recording {wildcards.file}"
     script:
@@ -42,17 +42,18 @@ rule fetch_recording:
         "{missing}",
     log:
         f"results/{RUN}/logs/fetch_recording/{{missing}}.log",
-    params:
-        file=lambda wildcards: MISSING[wildcards.missing][1],
-        dataset=lambda wildcards: {
-            key: DATASETS[MISSING[wildcards.missing][0]].get(key) for key in ("title", "owner_page", "sources")
-        },
-        sums="resources/SHA256SUMS",
+    wildcard_constraints:
+        missing="|".join(map(re.escape, MISSING)) or "nothing_is_missing",
     resources:
         mem_mb=500,
         runtime=240,
-    wildcard_constraints:
-        missing="|".join(map(re.escape, MISSING)) or "nothing_is_missing",
+    params:
+        file=lambda wildcards: MISSING[wildcards.missing][1],
+        dataset=lambda wildcards: {
+            key: DATASETS[MISSING[wildcards.missing][0]].get(key)
+            for key in ("title", "owner_page", "sources")
+        },
+        sums="resources/SHA256SUMS",
     message:
         "Fetch {wildcards.missing}"
     script:

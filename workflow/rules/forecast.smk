@@ -16,14 +16,14 @@ rule forecast_recording:
         f"results/{RUN}/logs/forecast_recording/{{dataset}}/{{method}}/{{recording}}.log",
     benchmark:
         f"results/{RUN}/benchmarks/forecast_recording/{{dataset}}/{{method}}/{{recording}}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=60,
     params:
         method=lambda wildcards: METHODS[wildcards.method],
         dataset=lambda wildcards: settings_of(wildcards.dataset),
         seeds=config["seeds"],
         code=code_version("modlhmp.forecasting", "modlhmp.maps", "modlhmp.tracks"),
-    resources:
-        mem_mb=1500,
-        runtime=60,
     message:
         "Forecast {wildcards.dataset} {wildcards.recording} with {wildcards.method}"
     script:

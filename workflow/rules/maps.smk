@@ -3,9 +3,11 @@
 # INPUTS   clean training tracks
 # OUTPUTS  results/{run}/{dataset}/maps: cliff.parquet, tc_cliff/{hour}.parquet, stef.parquet, stef/{hour}.parquet
 # STEPS    build_cliff, build_tc_cliff, build_stef
-MAPS = f"results/{RUN}/{{dataset}}/maps"
 CLIFF_CODE = code_version(
-    "modlhmp.maps.cliff", "modlhmp.maps.swgmm", "modlhmp.maps.mean_shift", "modlhmp.tracks"
+    "modlhmp.maps.cliff",
+    "modlhmp.maps.swgmm",
+    "modlhmp.maps.mean_shift",
+    "modlhmp.tracks",
 )
 
 
@@ -14,17 +16,17 @@ rule build_cliff:
     input:
         tracks=track_files("train"),
     output:
-        MAPS + "/cliff.parquet",
+        f"results/{RUN}/{{dataset}}/maps/cliff.parquet",
     log:
         f"results/{RUN}/logs/build_cliff/{{dataset}}.log",
     benchmark:
         f"results/{RUN}/benchmarks/build_cliff/{{dataset}}.tsv"
-    params:
-        options=config["maps"]["cliff"],
-        code=CLIFF_CODE,
     resources:
         mem_mb=1500,
         runtime=60,
+    params:
+        options=config["maps"]["cliff"],
+        code=CLIFF_CODE,
     message:
         "CLiFF-map of {wildcards.dataset}"
     script:
@@ -36,19 +38,19 @@ rule build_tc_cliff:
     input:
         tracks=track_files("train"),
     output:
-        directory(MAPS + "/tc_cliff"),
+        directory(f"results/{RUN}/{{dataset}}/maps/tc_cliff"),
     log:
         f"results/{RUN}/logs/build_tc_cliff/{{dataset}}.log",
     benchmark:
         f"results/{RUN}/benchmarks/build_tc_cliff/{{dataset}}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=60,
     params:
         options=config["maps"]["cliff"],
         timezone=lambda wildcards: DATASETS[wildcards.dataset]["timezone"],
         hours=lambda wildcards: DATASETS[wildcards.dataset]["hours"],
         code=CLIFF_CODE,
-    resources:
-        mem_mb=1500,
-        runtime=60,
     message:
         "Time-conditioned CLiFF-map of {wildcards.dataset}"
     script:
@@ -60,20 +62,20 @@ rule build_stef:
     input:
         tracks=track_files("train"),
     output:
-        spectra=MAPS + "/stef.parquet",
-        hours=directory(MAPS + "/stef"),
+        spectra=f"results/{RUN}/{{dataset}}/maps/stef.parquet",
+        hours=directory(f"results/{RUN}/{{dataset}}/maps/stef"),
     log:
         f"results/{RUN}/logs/build_stef/{{dataset}}.log",
     benchmark:
         f"results/{RUN}/benchmarks/build_stef/{{dataset}}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=30,
     params:
         options=config["maps"]["stef"],
         timezone=lambda wildcards: DATASETS[wildcards.dataset]["timezone"],
         hours=lambda wildcards: DATASETS[wildcards.dataset]["hours"],
         code=code_version("modlhmp.maps.stef", "modlhmp.maps.fremen", "modlhmp.tracks"),
-    resources:
-        mem_mb=1500,
-        runtime=30,
     message:
         "STeF-map of {wildcards.dataset}"
     script:

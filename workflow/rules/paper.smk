@@ -9,10 +9,6 @@ SETTINGS = [settings_of(name) for name in DATASETS]
 PAPER_STYLE = ("modlhmp.paper.style", "modlhmp.paper.selection")
 
 
-def table_files(label):
-    return {kind: f"{EXHIBITS}/{label}.{kind}" for kind in ("csv", "tex", "md")}
-
-
 rule table_parameters:
     """Parameters of the experiment, with the 90th percentile of track length."""
     input:
@@ -25,14 +21,14 @@ rule table_parameters:
         **table_files("tab_scenarios"),
     log:
         f"results/{RUN}/logs/table_parameters.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
     params:
         datasets=SETTINGS,
         rollout=config["rollout"],
         maps=config["maps"],
         code=code_version("modlhmp.paper.tables", "modlhmp.forecasting.observe"),
-    resources:
-        mem_mb=1000,
-        runtime=10,
     message:
         "Table of parameters"
     script:
@@ -54,14 +50,14 @@ rule table_results:
         ),
     log:
         f"results/{RUN}/logs/table_results.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
     params:
         datasets=SETTINGS,
         methods=TITLES,
         horizons=config["tables"]["horizons_s"],
         code=code_version("modlhmp.paper.tables", "modlhmp.paper.selection"),
-    resources:
-        mem_mb=1000,
-        runtime=10,
     message:
         "Table of results"
     script:
@@ -76,13 +72,13 @@ rule table_ttests:
         **table_files("tab_ttests"),
     log:
         f"results/{RUN}/logs/table_ttests.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
     params:
         datasets=SETTINGS,
         methods=TITLES,
         code=code_version("modlhmp.paper.tables"),
-    resources:
-        mem_mb=1000,
-        runtime=10,
     message:
         "Table of t-tests"
     script:
@@ -104,13 +100,13 @@ rule figure_horizon_errors:
         ),
     log:
         f"results/{RUN}/logs/figure_horizon_errors/{{label}}.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
     params:
         dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
         methods=TITLES,
         code=code_version("modlhmp.paper.horizon_errors", *PAPER_STYLE),
-    resources:
-        mem_mb=1000,
-        runtime=10,
     message:
         "Figure {wildcards.label}_final"
     script:
@@ -132,12 +128,12 @@ rule figure_ranking:
         ),
     log:
         f"results/{RUN}/logs/figure_ranking.log",
-    params:
-        datasets=SETTINGS,
-        code=code_version("modlhmp.paper.ranking_gain", *PAPER_STYLE),
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        datasets=SETTINGS,
+        code=code_version("modlhmp.paper.ranking_gain", *PAPER_STYLE),
     message:
         "Figure rank-metrics"
     script:
@@ -159,12 +155,12 @@ rule figure_hourly_maps:
         ),
     log:
         f"results/{RUN}/logs/figure_hourly_maps/{{label}}.log",
-    params:
-        dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
-        code=code_version("modlhmp.paper.hourly_maps", *PAPER_STYLE),
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
+        code=code_version("modlhmp.paper.hourly_maps", *PAPER_STYLE),
     message:
         "Figure cliff-{wildcards.label}-time"
     script:
@@ -184,5 +180,7 @@ rule figures:
     """Every figure of the run."""
     input:
         expand(rules.figure_horizon_errors.output, label=LABELS),
-        expand(rules.figure_hourly_maps.output, label=LABELS) if "tc_cliff" in KINDS_RUN else [],
+        expand(rules.figure_hourly_maps.output, label=LABELS)
+        if "tc_cliff" in KINDS_RUN
+        else [],
         rules.figure_ranking.output if "tc_cliff" in METHODS else [],

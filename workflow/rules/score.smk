@@ -19,18 +19,20 @@ rule score_method:
         f"results/{RUN}/logs/score_method/{{dataset}}/{{method}}.log",
     benchmark:
         f"results/{RUN}/benchmarks/score_method/{{dataset}}/{{method}}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=30,
     params:
         dataset=lambda wildcards: settings_of(wildcards.dataset),
-        recordings=lambda wildcards: [r["name"] for r in recordings(wildcards.dataset, "test")],
+        recordings=lambda wildcards: [
+            r["name"] for r in recordings(wildcards.dataset, "test")
+        ],
         code=code_version(
             "modlhmp.scoring",
             "modlhmp.forecasting.ranking",
             "modlhmp.forecasting.observe",
             "modlhmp.tracks",
         ),
-    resources:
-        mem_mb=1500,
-        runtime=30,
     message:
         "Score {wildcards.method} on {wildcards.dataset}"
     script:
@@ -45,14 +47,14 @@ rule compare_methods:
         f"results/{RUN}/{{dataset}}/ttests.parquet",
     log:
         f"results/{RUN}/logs/compare_methods/{{dataset}}.log",
+    resources:
+        mem_mb=1500,
+        runtime=30,
     params:
         dataset=lambda wildcards: settings_of(wildcards.dataset),
         pairs=[pair for pair in config["comparisons"] if set(pair) <= set(METHODS)],
         horizons=config["tables"]["horizons_s"],
         code=code_version("modlhmp.scoring"),
-    resources:
-        mem_mb=1500,
-        runtime=30,
     message:
         "Compare the methods on {wildcards.dataset}"
     script:
@@ -71,12 +73,12 @@ rule summarise_results:
         f"{EXHIBITS}/results.csv",
     log:
         f"results/{RUN}/logs/summarise_results.log",
-    params:
-        time_steps={name: dataset["time_step_s"] for name, dataset in DATASETS.items()},
-        code=code_version("modlhmp.scoring"),
     resources:
         mem_mb=1500,
         runtime=30,
+    params:
+        time_steps={name: dataset["time_step_s"] for name, dataset in DATASETS.items()},
+        code=code_version("modlhmp.scoring"),
     message:
         "All scores of run {RUN}"
     script:

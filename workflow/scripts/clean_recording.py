@@ -16,4 +16,8 @@ with job_log(snakemake.log[0]) as log:
     tracks, account = clean_recording(raw, snakemake.params.dataset, recording)
     log.info("account: %s", account)
     write_text(snakemake.output.account, json.dumps(account, indent=2) + "\n")
-    write_tracks(tracks, snakemake.output.tracks, **provenance(dict(snakemake.wildcards), dict(snakemake.params), snakemake.input))
+    write_tracks(
+        tracks,
+        snakemake.output.tracks,
+        **provenance(dict(snakemake.wildcards), dict(snakemake.params), snakemake.input),
+    )

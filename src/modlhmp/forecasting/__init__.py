@@ -23,7 +23,14 @@ def make_forecaster(kind, options, dataset, map_path):
         )
     mod = maps.load_map(kind, map_path, dataset["timezone"], options["sampling_radius_m"])
     return lambda observed, steps, keys: roll_out(
-        mod, observed, current_velocity(observed, source), steps, keys, step_s, options["beta"], options["speed"]
+        mod,
+        observed,
+        current_velocity(observed, source),
+        steps,
+        keys,
+        step_s,
+        options["beta"],
+        options["speed"],
     )
 
 

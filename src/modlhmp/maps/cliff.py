@@ -35,7 +35,11 @@ def build(tracks, resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth=
     locations, members = neighbourhoods(tracks.x, tracks.y, resolution_m, radius_m, min_observations)
     rows = []
     for number, (node, mine) in enumerate(
-        zip(locations, tqdm(members, desc="CLiFF locations", disable=not progress, mininterval=2.0), strict=True)
+        zip(
+            locations,
+            tqdm(members, desc="CLiFF locations", disable=not progress, mininterval=2.0),
+            strict=True,
+        )
     ):
         components = fit_location(tracks.heading[mine], tracks.speed[mine], bandwidth)
         head = np.tile([number, *node], (len(components), 1))
@@ -84,9 +88,7 @@ def _merge_small(heading, speed, labels):
         return labels
     centres = np.array([swgmm.moments(heading[labels == c], speed[labels == c])[:2] for c in large])
     small = np.flatnonzero(counts[labels] < MIN_CLUSTER)
-    distance = np.hypot(
-        circular_difference(heading[small, None], centres[:, 0]), speed[small, None] - centres[:, 1]
-    )
+    distance = np.hypot(circular_difference(heading[small, None], centres[:, 0]), speed[small, None] - centres[:, 1])
     labels = labels.copy()
     labels[small] = large[np.argmin(distance, axis=1)]
     return labels
@@ -108,7 +110,12 @@ class CliffMap:
         total = np.add.reduceat(weight, first) if len(first) else weight
         covariance = [columns[name] for name in ("var_heading", "cov_heading_speed", "var_speed")]
         components = np.column_stack(
-            [weight / np.repeat(total, np.diff(self.starts)), columns["mean_heading"], columns["mean_speed"], *covariance]
+            [
+                weight / np.repeat(total, np.diff(self.starts)),
+                columns["mean_heading"],
+                columns["mean_speed"],
+                *covariance,
+            ]
         )
         for component in components:
             component[3:] = swgmm.floor_covariance(*component[3:])

@@ -17,7 +17,7 @@ def analyse(times, signals, order):
     """
     times, signals = np.asarray(times, float), np.atleast_2d(signals).astype(float)
     mean = signals.mean(axis=1)
-    admitted = PERIODS_S[CYCLES_NEEDED * PERIODS_S <= np.ptp(times)]
+    admitted = PERIODS_S[np.ptp(times) >= CYCLES_NEEDED * PERIODS_S]
     # The mean is removed before the transform, so it is exact for times that are not equally spaced, too.
     basis = np.exp(2j * np.pi * times[:, None] / admitted)
     parts = (signals - mean[:, None]) @ basis / len(times)

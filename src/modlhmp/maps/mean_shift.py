@@ -141,14 +141,17 @@ def _merge(ends, weights, bandwidth, grid):
 
 def _order(point_labels, ends, labels, weights, grid):
     """Modes by falling membership, empty ones dropped; a mode is the weighted end of its climbs."""
-    turn, turn_step, _, speed_step, low = grid
+    _, turn_step, _, speed_step, low = grid
     members = np.bincount(point_labels, minlength=labels.max() + 1)
     order = [m for m in np.argsort(-members, kind="stable") if members[m]]
     modes = np.empty((len(order), 2))
     for rank, m in enumerate(order):
         rows = labels == m
         angle, w = ends[rows, 0] * turn_step, weights[rows]
-        modes[rank] = np.arctan2(w @ np.sin(angle), w @ np.cos(angle)), low + speed_step * (w @ ends[rows, 1]) / w.sum()
+        modes[rank] = (
+            np.arctan2(w @ np.sin(angle), w @ np.cos(angle)),
+            low + speed_step * (w @ ends[rows, 1]) / w.sum(),
+        )
     rank_of = np.empty(len(members), np.int64)
     rank_of[order] = np.arange(len(order))
     return rank_of[point_labels], modes

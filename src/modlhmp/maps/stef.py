@@ -32,7 +32,9 @@ def build(tracks, timezone, resolution_m=1.0, orientations=8, interval_s=600.0, 
     if not len(tracks.t):
         raise DataError("a STeF-map needs rows with a heading; the training recordings have none")
     cells, cell = np.unique(
-        np.floor(np.column_stack([tracks.x, tracks.y]) / resolution_m).astype(np.int64), axis=0, return_inverse=True
+        np.floor(np.column_stack([tracks.x, tracks.y]) / resolution_m).astype(np.int64),
+        axis=0,
+        return_inverse=True,
     )
     local = tracks.t + clock_offsets(tracks.t, timezone)
     days, day = np.unique(np.floor(local / DAY_S), return_inverse=True)
@@ -117,7 +119,16 @@ class StefMap:
     def sample(self, x, y, speed, heading, t, uniforms):
         """Draw a direction of the nearest cell in reach by its probabilities; the speed stays as it is."""
         new_heading, log_fitness, found = _sample(
-            x, y, uniforms, self.index, self.origin, self.resolution, self.radius, self.x, self.y, self.probabilities
+            x,
+            y,
+            uniforms,
+            self.index,
+            self.origin,
+            self.resolution,
+            self.radius,
+            self.x,
+            self.y,
+            self.probabilities,
         )
         return np.array(speed), new_heading, log_fitness, found
 

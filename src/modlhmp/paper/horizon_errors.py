@@ -27,13 +27,14 @@ def draw(results, dataset, methods, stem):
             if line == 1:
                 ax.set_xlabel("prediction horizon [s]")
             ax.set_ylabel(f"{metric.upper()} [m]")
-    handles = axes[0, 0].get_lines()
+    handles = [line for line in axes[0, 0].get_lines() if line.get_marker() != "None"]
     fig.legend(
         handles,
         [f"{title} ({_counts(rows, method)})" for method, title in methods.items()],
         loc="outside lower center",
         ncols=2,
-        title=f"{dataset['title']}: mean ± 1 SD over tracks; (n scored / eligible at {dataset['horizon_s']:g} s: paper, complete)",
+        title=f"{dataset['title']}: mean (thick) ± 1 SD over tracks (thin)\n"
+        f"in brackets: n scored / eligible at {dataset['horizon_s']:g} s, paper and complete protocol",
         title_fontsize=6,
     )
     style.save(fig, stem, rows, dataset["demo"])
@@ -43,7 +44,9 @@ def _curve(ax, rows, metric, look):
     horizon, mean, sd = (rows[name].to_numpy(float) for name in ("horizon_s", f"{metric}_m", f"{metric}_sd_m"))
     every = max(len(horizon) // 6, 1)
     ax.plot(horizon, mean, markevery=(every - 1, every), **look)
-    ax.fill_between(horizon, np.maximum(mean - sd, 0), mean + sd, color=look["color"], alpha=0.08, linewidth=0)
+    ax.fill_between(horizon, np.maximum(mean - sd, 0), mean + sd, color=look["color"], alpha=0.04, linewidth=0)
+    for edge in (mean - sd, mean + sd):
+        ax.plot(horizon, edge, color=look["color"], linestyle=look["linestyle"], linewidth=0.4, alpha=0.6)
 
 
 def _counts(rows, method):

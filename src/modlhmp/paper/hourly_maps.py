@@ -9,6 +9,7 @@ from modlhmp.paper import style
 from modlhmp.storage import read_parquet
 
 ARROW_M_PER_MPS = 1.0  # an arrow shows where a walker is a second later
+ARROW_WIDTH_M = 0.16
 
 
 def draw(folder, dataset, stem):
@@ -16,8 +17,7 @@ def draw(folder, dataset, stem):
     hours = dataset["figure_hours"]
     tables = {hour: _heaviest(Path(folder) / f"{hour:02d}.parquet") for hour in hours}
     drawn = pd.concat([table for table in tables.values() if table is not None] or [pd.DataFrame()])
-    wide = drawn.empty or np.ptp(drawn["x"]) >= np.ptp(drawn["y"])
-    fig, axes = style.figure(1, len(hours), style.PAGE_MM, 58.0 if wide else 75.0, sharex=True, sharey=True)
+    fig, axes = style.figure(1, len(hours), style.PAGE_MM, _height_mm(drawn, len(hours)), sharex=True, sharey=True)
     for ax, hour in zip(axes[0], hours, strict=True):
         if tables[hour] is None:
             style.empty_panel(ax, f"{hour}:00\nno map: too few training data")
@@ -28,10 +28,10 @@ def draw(folder, dataset, stem):
     axes[0, 0].set_ylabel("y [m]")
     if dataset["reader"].startswith("edinburgh") and not drawn.empty:
         axes[0, 0].invert_yaxis()  # image coordinates: y grows downwards
-    _wheel(fig, flipped=dataset["reader"].startswith("edinburgh"))
+    _colour_key(fig, axes, flipped=dataset["reader"].startswith("edinburgh"))
     fig.supxlabel(
-        f"{dataset['title']}: TC-CLiFF map, mean of the heaviest component; colour is orientation, "
-        f"length is speed (1 m drawn = {1 / ARROW_M_PER_MPS:g} m/s)",
+        f"{dataset['title']}: TC-CLiFF map, mean of the heaviest component of each location; "
+        f"colour: orientation, length: speed ({ARROW_M_PER_MPS:g} m drawn for 1 m/s)",
         fontsize=6,
     )
     style.save(fig, stem, drawn.reset_index(drop=True), dataset["demo"])
@@ -43,7 +43,7 @@ def arrows(ax, table):
     ax.quiver(
         table["x"], table["y"], length * np.cos(table["mean_heading"]), length * np.sin(table["mean_heading"]),
         color=style.heading_colour(table["mean_heading"]), angles="xy", scale_units="xy", scale=1.0,
-        width=0.0035, headwidth=4, headlength=4, headaxislength=3.5,
+        width=ARROW_WIDTH_M, units="xy", headwidth=3.2, headlength=3.5, headaxislength=3.2, minlength=0,
     )  # fmt: skip
     ax.set_aspect("equal")
     ax.margins(0.03)
@@ -58,11 +58,17 @@ def _heaviest(path):
     return rows.assign(hour=int(path.stem))[["hour", "x", "y", "mean_heading", "mean_speed", "weight", "p"]]
 
 
-def _wheel(fig, flipped):
-    """Colour key: a small wheel of orientations, in the panels' own sense of rotation."""
-    ax = fig.add_axes((0.925, 0.04, 0.07, 0.2), projection="polar")
-    angle = np.linspace(0, 2 * np.pi, 73)
-    ax.bar(angle, np.ones(73), width=2 * np.pi / 72, color=style.heading_colour(angle), bottom=0.6)
-    ax.set_theta_direction(-1 if flipped else 1)
-    ax.set_axis_off()
-    ax.set_in_layout(False)
+def _height_mm(drawn, panels):
+    """Height of the page that a row of panels of equal aspect needs."""
+    if drawn.empty:
+        return 50.0
+    width = (style.PAGE_MM - 30.0) / panels
+    return float(np.clip(width * np.ptp(drawn["y"]) / max(np.ptp(drawn["x"]), 1.0) + 24.0, 45.0, 160.0))
+
+
+def _colour_key(fig, axes, flipped):
+    """Colour key of orientation, in the directions of the page."""
+    ax = fig.colorbar(style.orientation_scale(), ax=list(axes[0]), shrink=0.9, pad=0.01, aspect=25)
+    names = ["right", "down", "left", "up", "right"] if flipped else ["right", "up", "left", "down", "right"]
+    ax.set_ticks(np.arange(5) * np.pi / 2, labels=names)
+    ax.outline.set_linewidth(0.3)

@@ -22,7 +22,9 @@ def draw(results, datasets, method, stem):
                 look = style.method_style(position)
                 ax.plot(curve["horizon_s"], curve["ade_m"], label=label, markevery=(every - 1, every), **look)
             last = one.sort_values("horizon_s").iloc[-1]
-            ax.set_title(f"{dataset['title']}, {protocol} protocol\nn {last['n']:.4g}/{last['eligible']:.0f} at {last['horizon_s']:g} s")
+            counts = f"n {last['n']:.4g}/{last['eligible']:.0f} at {last['horizon_s']:g} s"
+            head = f"{dataset['title']}\n" if line == 0 else ""
+            ax.set_title(f"{head}{protocol} protocol\n{counts}")
             ax.set_ylim(bottom=0)
             ax.set_xlim(0, dataset["horizon_s"])
             ax.set_ylabel("ADE [m]")

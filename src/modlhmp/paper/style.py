@@ -9,7 +9,7 @@ from matplotlib.colors import LinearSegmentedColormap
 from modlhmp.storage import atomic_path, write_text
 
 mpl.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402 - the backend has to be chosen first
+import matplotlib.pyplot as plt
 
 MM = 1 / 25.4
 COLUMN_MM, PAGE_MM = 88.0, 180.0
@@ -21,7 +21,8 @@ _MARKERS = "osD^vPX*h"
 
 # Cyclic colours of orientation: east blue, north orange, west red, south green.
 ORIENTATION = LinearSegmentedColormap.from_list(
-    "orientation", ["#0072B2", "#7A5FA8", "#E69F00", "#C8501E", "#B03030", "#6E7A3A", "#009E73", "#00838F", "#0072B2"]
+    "orientation",
+    ["#0072B2", "#7A5FA8", "#E69F00", "#C8501E", "#B03030", "#6E7A3A", "#009E73", "#00838F", "#0072B2"],
 )
 
 mpl.rcParams.update(
@@ -68,6 +69,11 @@ def figure(rows, columns, width_mm=COLUMN_MM, height_mm=60.0, **options):
 def heading_colour(heading):
     """Colour of a heading [rad]."""
     return ORIENTATION(np.mod(np.asarray(heading) / (2 * np.pi), 1.0))
+
+
+def orientation_scale():
+    """Mappable of the orientation colours, 0 to 2 pi, for colour keys."""
+    return mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, 2 * np.pi), ORIENTATION)
 
 
 def empty_panel(axes, text):

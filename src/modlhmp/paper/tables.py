@@ -34,9 +34,9 @@ def write_parameters(datasets, rollout, cliff, stef, lengths, stem):
         "kernel parameter β": lambda d: rollout["beta"],
         "futures a track k": lambda d: rollout["k"],
         "usable test tracks": lambda d: len(lengths[d["name"]]),
-        "90th percentile of their length after t0 [s]": lambda d: float(np.percentile(lengths[d["name"]], 90))
-        if len(lengths[d["name"]])
-        else float("nan"),
+        "90th percentile of their length after t0 [s]": lambda d: (
+            float(np.percentile(lengths[d["name"]], 90)) if len(lengths[d["name"]]) else float("nan")
+        ),
     }
     table = pd.DataFrame({"parameter": list(rows)})
     for dataset in datasets:
@@ -105,7 +105,7 @@ def _cells(rows, methods, protocol, horizon, head):
 
 
 def _count(row):
-    """n of eligible and the coverage."""
+    """N of eligible and the coverage."""
     if not np.isfinite(row["n"]):
         return "not run"
     share = f", {100 * row['n'] / row['eligible']:.0f} %" if row["eligible"] else ""
@@ -142,5 +142,5 @@ def _write(table, stem, title, demo):
     note = DEMO_NOTE if demo else ""
     plain = table.map(lambda cell: cell.replace("**", "") if isinstance(cell, str) else cell)
     write_text(f"{stem}.csv", plain.to_csv(index=False))
-    write_text(f"{stem}.md", "\n".join(filter(None, [f"# {title}", "", note, "" if note else None, _markdown(table), ""])))
+    write_text(f"{stem}.md", "\n\n".join(filter(None, [f"# {title}", note, _markdown(table)])) + "\n")
     write_text(f"{stem}.tex", _latex(table, f"{title}. {note}"))

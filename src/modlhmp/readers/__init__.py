@@ -17,9 +17,7 @@ def read_recording(path, dataset, recording):
     if reader == "edinburgh":
         return edinburgh.read_raw(path, dataset["frame_rate"], dataset["scale"], origin)
     if reader == "edinburgh_rows":
-        return edinburgh.read_rows(
-            path, dataset["frame_rate"], dataset["row_stride"], dataset["scale"], origin, day
-        )
+        return edinburgh.read_rows(path, dataset["frame_rate"], dataset["row_stride"], dataset["scale"], origin, day)
     layout = {"atc": atc.RAW_LAYOUT, "atc_1hz": atc.ONE_HZ_LAYOUT}.get(reader) or {
         key: dataset[key]
         for key in ("columns", "separator", "header", "units", "scale", "frame_rate")

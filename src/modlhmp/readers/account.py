@@ -34,7 +34,11 @@ class Account:
         """The account as plain JSON data; `ValueError` if it does not add up."""
         self.add_up()
         return {
-            "rows": {"read": self.rows_read, "kept": self.rows_kept, "dropped": dict(sorted(self.dropped_rows.items()))},
+            "rows": {
+                "read": self.rows_read,
+                "kept": self.rows_kept,
+                "dropped": dict(sorted(self.dropped_rows.items())),
+            },
             "tracks": {
                 "read": self.tracks_read,
                 "kept": self.tracks_kept,
@@ -52,4 +56,6 @@ class Account:
             ("tracks", self.tracks_read, self.tracks_kept, self.dropped_tracks),
         ):
             if read != kept + sum(dropped.values()):
-                raise ValueError(f"the account does not add up: {read} {kind} read, {kept} kept, dropped {dict(dropped)}")
+                raise ValueError(
+                    f"the account does not add up: {read} {kind} read, {kept} kept, dropped {dict(dropped)}"
+                )

@@ -85,7 +85,7 @@ def _to_si(values, layout):
         values["x"] * metres,
         values["y"] * metres,
         values["speed"] * metres if "speed" in values else unknown,
-        wrap_angle(np.deg2rad(heading) if units["angle"] == "deg" else heading),
+        np.deg2rad(heading) if units["angle"] == "deg" else heading,
     )
 
 
@@ -99,18 +99,19 @@ def _drop_bad_rows(rows, numbers, day, account):
             "infinite_value": np.logical_or.reduce([np.isinf(column) for column in measured]),
             "nan_value": np.logical_or.reduce([np.isnan(column) for column in measured]) | np.isnan(numbers),
             "no_person": rows.track_id < 0,
-            "absurd_value": (np.maximum(abs(rows.x), abs(rows.y)) > MAX_DISTANCE_M) | (speed < 0) | (speed > MAX_SPEED_MPS),
+            "absurd_value": (np.hypot(rows.x, rows.y) > MAX_DISTANCE_M) | (speed < 0) | (speed > MAX_SPEED_MPS),
             "outside_day": (rows.t < first) | (rows.t >= last),
         }  # fmt: skip
     good = np.ones(len(rows.t), bool)
-    for reason, bad in tests.items():
-        bad &= good
+    for reason, failed in tests.items():
+        bad = failed & good
         if bad.any():
             row = int(np.argmax(bad))
             values = ", ".join(f"{name} {column[row]:g}" for name, column in zip(FIELDS, rows, strict=True))
             account.drop_rows(reason, bad.sum(), f"row {int(numbers[row])}: {values}")
             good &= ~bad
-    return rows.take(good)
+    rows = rows.take(good)
+    return rows._replace(heading=wrap_angle(rows.heading))
 
 
 class _Parser:
@@ -128,7 +129,11 @@ class _Parser:
         columns = self._columns(block, account)
         # A row without an id belongs to nobody; it is counted with the other incomplete rows.
         known = ~np.isnan(columns["track_id"])
-        account.drop_rows("nan_value", (~known).sum(), f"row {int(columns['row'][np.argmin(known)]) if len(known) else 0}: no track id")
+        account.drop_rows(
+            "nan_value",
+            (~known).sum(),
+            f"row {int(columns['row'][np.argmin(known)]) if len(known) else 0}: no track id",
+        )
         columns = {name: column[known] for name, column in columns.items()}
         columns["track_id"] = columns["track_id"].astype(np.int64)
         return columns
@@ -143,12 +148,14 @@ class _Parser:
             self.names = [str(position) for position in range(len(fields))]
             if not any(_is_number(field) for field in fields):
                 raise DataError(
-                    f"{self.path}, row 1: {first.decode(errors='replace')[:80]!r} is a header where numbers are expected; "
-                    "remove that line, or use `reader: delimited` with `header: true`"
+                    f"{self.path}, row 1: {first.decode(errors='replace')[:80]!r} is a header where numbers are "
+                    "expected; remove that line, or use `reader: delimited` with `header: true`"
                 )
         width = self.layout.get("width")
         if width and len(fields) != width:
-            raise DataError(f"{self.path}, row 1: {len(fields)} columns, but this format has {width}: is `reader` right?")
+            raise DataError(
+                f"{self.path}, row 1: {len(fields)} columns, but this format has {width}: is `reader` right?"
+            )
         self.wanted = {}
         for field, column in self.layout["columns"].items():
             name = column if self.layout.get("header") and isinstance(column, str) else str(column)

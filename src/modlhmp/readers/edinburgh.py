@@ -66,14 +66,19 @@ def read_raw(path, frame_rate, scale, origin):
         )
     if not pieces:
         raise DataError(f"{path}: no usable point; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
-    return concatenate(_to_si(*piece, frame_rate, scale, origin) for piece in sorted(pieces, key=lambda p: p[0])), account
+    return concatenate(
+        _to_si(*piece, frame_rate, scale, origin) for piece in sorted(pieces, key=lambda p: p[0])
+    ), account
 
 
 def _track(path, line, number, account):
     """One TRACK line to (id, points [n, 3] px px frame); None if it holds no usable point."""
     match = _TRACK.match(line)
     if not match:
-        raise DataError(f"{path}, line {number}: {line[:60].decode(errors='replace')!r} is not a whole TRACK line: the file is cut off or damaged")
+        raise DataError(
+            f"{path}, line {number}: {line[:60].decode(errors='replace')!r} is not a whole TRACK line: "
+            "the file is cut off or damaged"
+        )
     account.tracks_read += 1
     body = match[2]
     try:

@@ -37,7 +37,9 @@ def score_recording(tracks, forecasts, recording, dataset):
             if protocol == "paper":
                 reason = np.where(idle, "idle", reason)
             constants = {"recording": recording, "output": output, "protocol": protocol}
-            columns = {name: pa.array(np.full(len(ids), value)).dictionary_encode() for name, value in constants.items()}
+            columns = {
+                name: pa.array(np.full(len(ids), value)).dictionary_encode() for name, value in constants.items()
+            }
             tables.append(
                 pa.table(
                     {
