@@ -129,5 +129,7 @@ def _ends(tracks, scale):
 def _inside(points, polygons):
     inside = np.zeros(len(points), bool)
     for polygon in polygons:
-        inside |= Polygon(polygon).contains_points(points, radius=1e-9)
+        # Points on the border are inside; the sign of `radius` follows the polygon's sense of rotation.
+        for radius in (1e-9, -1e-9):
+            inside |= Polygon(polygon).contains_points(points, radius=radius)
     return inside

@@ -61,8 +61,8 @@ def check_sum(path, name=None, sha256=None, sums=None):
     """Check a file against `sha256`, else against its line in the text file `sums`; return its SHA-256.
 
     A file without a line in `sums` gets one, as sha256sum writes it, under `name` or else under its path
-    relative to the folder of `sums`. Without `sha256` and `sums` nothing is checked. Raises `DataError` if the
-    sum differs or a line of `sums` cannot be read; `OSError` if the file cannot be read or `sums` written.
+    relative to the folder of `sums`. Without `sha256` and `sums` nothing is checked. Raises `DataError` if
+    the sum differs or a line of `sums` cannot be read; `OSError` if the file cannot be read or `sums` written.
     """
     return _check(path, path, name, sha256, sums, f"delete {path} and run again to fetch a fresh copy")
 

@@ -51,6 +51,9 @@ def _explain(error):
             + (f", did you mean {hint[0]!r}?" if hint else f" (known: {', '.join(known)})")
             for key, hint in hints
         )
+    if error.validator == "type" and isinstance(error.instance, str) and error.validator_value in {"integer", "number"}:
+        # Snakemake hands on what stands inside lists and mappings of --config as text.
+        return f"{where}: {error.message}; numbers inside lists and mappings belong in a file (--configfile)"
     hint = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
     return f"{where}: {error.message}" + (f" ({hint})" if hint else "")
 
@@ -79,8 +82,9 @@ def _unknown(key, what, name, known):
 def load_dataset(path, schema, data_root):
     """Load a dataset file, check it, fill its defaults and resolve its recordings under `data_root`.
 
-    Each of the returned `recordings` has `name`, `path`, `exists`, `day`, `start`, `split` and `file` (under
-    `data_root`). A file that does not exist keeps the path where it is expected.
+    Each of the returned `recordings` has `name`, `path`, `stored` (the file on disk: `path`, or the archive that it
+    leads into) and `member` of it, `file` (`stored` under `data_root`), `exists`, `day`, `start` and `split`.
+    A file that does not exist keeps the path where it is expected.
     """
     try:
         listed = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -149,23 +153,35 @@ def _resolve(path, entry, dataset, data_root):
         datetime.fromisoformat(entry["day"])
     except ValueError:
         raise DataError(f"{path}: day {entry['day']!r} is not a date like 2012-10-24") from None
-    pattern = str(Path(data_root) / entry["files"])
-    found = find_recording(pattern)
-    files = sorted(glob.glob(pattern)) if glob.has_magic(entry["files"]) else [found or pattern]
-    if not files:
-        raise DataError(f"{path}: no file matches {pattern}; correct `files`, or `data_root` in the configuration")
+    root, listed = Path(data_root), entry["files"]
+    found = [find_recording(root / listed)]
+    if glob.has_magic(listed):
+        found = [root / file for file in sorted(glob.glob(listed, root_dir=root))]
+    if not found:
+        raise DataError(
+            f"{path}: no file matches {root / listed}; correct `files`, or `data_root` in the configuration"
+        )
     return [
         {
-            "name": _stem(file),
-            "path": str(file),
-            "exists": bool(found) or glob.has_magic(entry["files"]),
-            "file": os.path.relpath(file, data_root),
+            "name": _stem(file or listed),
+            "path": str(file or root / listed),
+            "stored": stored,
+            "member": member,
+            "file": os.path.relpath(stored, root),
+            "exists": file is not None,
             "day": entry["day"],
             "start": entry.get("start"),
             "split": entry["split"],
         }
-        for file in files
+        for file in found
+        for stored, member in [_stored(file or root / listed)]
     ]
+
+
+def _stored(file):
+    """The file on disk that holds a recording, and the member of it that `archive.zip/member.csv` names."""
+    before, inside, member = str(file).partition(".zip/")
+    return (before + ".zip", member) if inside else (str(file), None)
 
 
 def _stem(file):

@@ -41,8 +41,8 @@ class Handler(BaseHTTPRequestHandler):
         for name, value in headers.items():
             self.send_header(name.replace("_", "-"), value)
         self.end_headers()
+        self.server.seen[-1].sent = len(body)  # before the write: the client may look as soon as it has the body
         self.wfile.write(body)
-        self.server.seen[-1].sent = len(body)
 
     def ranged(self, asked, _, **headers):
         start = int(re.fullmatch(r"bytes=(\d+)-", asked)[1]) if asked else 0

@@ -8,7 +8,7 @@
 rule clean_recording:
     """Read a recording, drop bad rows and tracks under their names, bring it to the time step."""
     input:
-        raw=lambda wildcards: recording(wildcards)["path"],
+        raw=lambda wildcards: recording(wildcards)["stored"],
     output:
         tracks=f"results/{RUN}/{{dataset}}/tracks/{{recording}}.parquet",
         account=f"results/{RUN}/{{dataset}}/tracks/{{recording}}.account.json",
@@ -22,7 +22,7 @@ rule clean_recording:
     params:
         dataset=lambda wildcards: settings_of(wildcards.dataset),
         recording=lambda wildcards: {
-            key: recording(wildcards)[key] for key in ("file", "day", "start", "split")
+            key: recording(wildcards)[key] for key in ("file", "member", "day", "start", "split")
         },
         sources=lambda wildcards: DATASETS[wildcards.dataset]["sources"],
         sums="resources/SHA256SUMS",

@@ -33,7 +33,7 @@ try:
         file = ROOT / "config/datasets" / f"{name}.yaml"
         listed = yaml.safe_load(file.read_text()) or {}
         # Demo recordings are generated into the project, whatever MODLHMP_DATA says.
-        root = Path("resources/demo") if listed.get("demo") else DATA_ROOT
+        root = Path(f"resources/demo/{config['run']}") if listed.get("demo") else DATA_ROOT
         DATASETS[name] = load_dataset(file, load_schema("dataset"), root)
 except DataError as error:
     raise WorkflowError(f"\n{error}") from None

@@ -8,7 +8,7 @@ from modlhmp.demo import RECORDINGS as DEMO_RECORDINGS
 DEMO_FILES = {recording.file: recording for recording in DEMO_RECORDINGS}
 # Files that are there belong to the user: no rule may make, and so first remove, them.
 MISSING = {
-    recording["path"]: (name, recording["file"])
+    recording["stored"]: (name, recording["file"])
     for name, dataset in DATASETS.items()
     for recording in dataset["recordings"]
     if not dataset["demo"] and not recording["exists"]
@@ -18,9 +18,9 @@ MISSING = {
 rule make_demo_recording:
     """Write one made-up day in the true raw format, bad rows and tracks planted."""
     output:
-        "resources/demo/{file}",
+        f"resources/demo/{RUN}/{{file}}",
     log:
-        "results/demo/logs/make_demo_recording/{file}.log",
+        f"results/{RUN}/logs/make_demo_recording/{{file}}.log",
     wildcard_constraints:
         file="|".join(DEMO_FILES),
     resources:

@@ -1,6 +1,7 @@
 """Rule clean_recording."""
 
 import json
+from pathlib import Path
 
 from modlhmp.cleaning import clean_recording
 from modlhmp.fetch import check_sum
@@ -13,7 +14,8 @@ with job_log(snakemake.log[0]) as log:
     source = next((s for s in snakemake.params.sources if s["file"] == recording["file"]), None)
     if source is not None:
         check_sum(raw, recording["file"], source.get("sha256"), snakemake.params.sums)
-    tracks, account = clean_recording(raw, snakemake.params.dataset, recording)
+    path = Path(raw, recording["member"]) if recording["member"] else raw
+    tracks, account = clean_recording(path, snakemake.params.dataset, recording)
     log.info("account: %s", account)
     write_text(snakemake.output.account, json.dumps(account, indent=2) + "\n")
     write_tracks(

@@ -9,4 +9,4 @@ with job_log(snakemake.log[0]):
     source = next((source for source in dataset["sources"] if source["file"] == file), None)
     if source is None:
         raise DataError(missing_message(file, path, dataset["owner_page"], dataset["title"]))
-    fetch(source["url"], path, source.get("sha256"), snakemake.params.sums)
+    fetch(source["url"], path, source.get("sha256"), snakemake.params.sums, name=file)

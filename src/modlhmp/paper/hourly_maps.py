@@ -9,7 +9,7 @@ from modlhmp.paper import style
 from modlhmp.storage import read_parquet
 
 ARROW_M_PER_MPS = 1.0  # an arrow shows where a walker is a second later
-ARROW_WIDTH_M = 0.16
+ARROW_WIDTH = 0.0025  # of the drawn extent
 
 
 def draw(folder, dataset, stem):
@@ -43,7 +43,8 @@ def arrows(ax, table):
     ax.quiver(
         table["x"], table["y"], length * np.cos(table["mean_heading"]), length * np.sin(table["mean_heading"]),
         color=style.heading_colour(table["mean_heading"]), angles="xy", scale_units="xy", scale=1.0,
-        width=ARROW_WIDTH_M, units="xy", headwidth=3.2, headlength=3.5, headaxislength=3.2, minlength=0,
+        width=ARROW_WIDTH * max(np.ptp(table["x"]), np.ptp(table["y"]), 30.0), units="xy",
+        headwidth=3.2, headlength=3.5, headaxislength=3.2, minlength=0,
     )  # fmt: skip
     ax.set_aspect("equal")
     ax.margins(0.03)

@@ -4,10 +4,13 @@ The ATC readers are layouts of this one. Files are read in blocks; where rows ca
 once reduced to the last sample of every person and time step, so memory does not follow the raw rate.
 """
 
+import codecs
+import csv
+
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
+from numba import njit
 
 from modlhmp.readers.account import Account
 from modlhmp.readers.raw import line_blocks
@@ -16,7 +19,6 @@ from modlhmp.tracks import Tracks, concatenate, wrap_angle
 
 MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fault, not a walking person
 MAX_SPEED_MPS = 15.0
-_SLOW_PATH_BYTES = 1 << 15
 _LENGTH_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _SECONDS = {"s": 1.0, "ms": 0.001}
 FIELDS = ("track_id", "t", "x", "y", "speed", "heading")
@@ -115,11 +117,12 @@ def _drop_bad_rows(rows, numbers, day, account):
 
 
 class _Parser:
-    """Bytes to columns: pyarrow where a block is clean, row by row in the small piece around a row that is not."""
+    """Bytes to columns: regular lines through pyarrow at once, the few others one by one."""
 
     def __init__(self, path, layout):
         self.path, self.layout = path, layout
         self.separator = layout.get("separator", ",")
+        self.kinds = _byte_kinds(self.separator)
         self.row, self.names = 0, None
 
     def parse(self, block, account):
@@ -127,21 +130,22 @@ class _Parser:
         if self.names is None:
             block = self._start(block)
         columns = self._columns(block, account)
-        # A row without an id belongs to nobody; it is counted with the other incomplete rows.
-        known = ~np.isnan(columns["track_id"])
-        account.drop_rows(
-            "nan_value",
-            (~known).sum(),
-            f"row {int(columns['row'][np.argmin(known)]) if len(known) else 0}: no track id",
-        )
-        columns = {name: column[known] for name, column in columns.items()}
+        # A row without a whole number as id belongs to nobody.
+        ids = columns["track_id"]
+        whole = np.isfinite(ids) & (np.abs(ids) < 2**53)
+        whole[whole] = ids[whole] % 1 == 0
+        if not whole.all():
+            row = np.argmin(whole)
+            account.drop_rows("no_track_id", (~whole).sum(), f"row {columns['row'][row]:.0f}: track id {ids[row]}")
+            columns = {name: column[whole] for name, column in columns.items()}
         columns["track_id"] = columns["track_id"].astype(np.int64)
         return columns
 
     def _start(self, block):
         """Look at the first row: header or not, number of columns, positions of the named columns."""
+        block = block.removeprefix(codecs.BOM_UTF8)
         first, _, rest = block.partition(b"\n")
-        fields = [field.strip() for field in first.decode("utf-8-sig", "replace").strip("\r").split(self.separator)]
+        fields = self._fields(first.decode("utf-8", "replace"))
         if self.layout.get("header"):
             self.names, self.row, block = fields, 1, rest
         else:
@@ -167,54 +171,76 @@ class _Parser:
         return block
 
     def _columns(self, block, account):
-        lines = block.count(b"\n")
-        if not lines:
-            return {name: np.empty(0) for name in [*self.wanted, "row"]}
+        """Values of the wanted columns and the row numbers, rows in the file's order."""
+        positions = np.array([self.names.index(name) for name in self.wanted.values()])
+        ends, regular = _scan(
+            np.frombuffer(block, np.uint8), self.kinds, np.isin(np.arange(len(self.names)), positions)
+        )
+        numbers = np.arange(self.row + 1, self.row + 1 + len(ends))
+        self.row += len(ends)
+        account.rows_read += len(ends)
         try:
-            table = pa_csv.read_csv(
-                pa.BufferReader(block),
-                pa_csv.ReadOptions(column_names=self.names),
-                pa_csv.ParseOptions(delimiter=self.separator),
-                pa_csv.ConvertOptions(
-                    column_types={name: pa.float64() for name in self.names},
-                    include_columns=list(dict.fromkeys(self.wanted.values())),
-                ),
+            values = (
+                self._through_arrow(_lines(block, ends, regular)) if regular.any() else np.empty((len(positions), 0))
             )
-            clean = table.num_rows == lines
-        except pa.ArrowInvalid:
-            clean = False
-        if clean:
-            columns = {field: pc.fill_null(table[name], np.nan).to_numpy() for field, name in self.wanted.items()}
-            columns["row"] = np.arange(self.row + 1, self.row + 1 + lines, dtype=float)
-            account.rows_read += lines
-            self.row += lines
-            return columns
-        if len(block) > _SLOW_PATH_BYTES and lines > 1:
-            cut = block.find(b"\n", len(block) // 2) + 1 or block.rfind(b"\n", 0, len(block) - 1) + 1
-            cut = cut if cut < len(block) else block.rfind(b"\n", 0, len(block) - 1) + 1
-            halves = [self._columns(half, account) for half in (block[:cut], block[cut:])]
-            return {name: np.concatenate([half[name] for half in halves]) for name in halves[0]}
-        return self._row_by_row(block, account)
+        except pa.ArrowInvalid:  # made of a number's characters, but not a number, such as 1-2
+            regular[:] = False
+            values = np.empty((len(positions), 0))
+        rows = numbers[regular]
+        if not regular.all():
+            starts = np.concatenate([[0], ends[:-1] + 1])
+            others = {}
+            for line in np.flatnonzero(~regular):
+                text = block[starts[line] : ends[line]].decode("utf-8", "replace")
+                row = self._one_row(text, positions, numbers[line], account)
+                if row is not None:
+                    others[numbers[line]] = row
+            rows = np.concatenate([rows, np.array(list(others), np.int64)])
+            values = np.concatenate([values, np.array(list(others.values())).reshape(-1, len(positions)).T], axis=1)
+            order = np.argsort(rows)
+            rows, values = rows[order], values[:, order]
+        return {**dict(zip(self.wanted, values, strict=True)), "row": rows}
 
-    def _row_by_row(self, block, account):
-        positions = [self.names.index(name) for name in self.wanted.values()]
-        kept = []
-        for line in block.decode("utf-8", "replace").removesuffix("\n").split("\n"):
-            self.row += 1
-            account.rows_read += 1
-            fields = line.strip("\r").split(self.separator)
-            example = f"row {self.row}: {line[:80]!r}"
-            if not line.strip():
-                account.drop_rows("blank_line", 1, example)
-            elif len(fields) != len(self.names):
-                account.drop_rows("wrong_column_count", 1, example)
-            else:
-                try:
-                    kept.append([float(fields[position].strip() or "nan") for position in positions] + [self.row])
-                except ValueError:
-                    account.drop_rows("text_value", 1, example)
-        columns = np.array(kept, float).reshape(-1, len(positions) + 1).T
-        return dict(zip([*self.wanted, "row"], columns, strict=True))
+    def _through_arrow(self, block):
+        table = pa_csv.read_csv(
+            pa.BufferReader(block),
+            pa_csv.ReadOptions(column_names=[str(position) for position in range(len(self.names))]),
+            pa_csv.ParseOptions(delimiter=self.separator),
+            pa_csv.ConvertOptions(
+                column_types={str(position): pa.float64() for position in range(len(self.names))},
+                include_columns=[str(self.names.index(name)) for name in self.wanted.values()],
+            ),
+        )
+        return [column.to_numpy() for column in table.columns]  # null becomes NaN
+
+    def _one_row(self, text, positions, row, account):
+        """Values of one line, or None once it is counted as dropped."""
+        fields, example = self._fields(text), f"row {row}: {text[:80]!r}"
+        if not text.strip():
+            account.drop_rows("blank_line", 1, example)
+        elif len(fields) != len(self.names):
+            account.drop_rows("wrong_column_count", 1, example)
+        else:
+            try:
+                return [float(fields[position] or "nan") for position in positions]
+            except ValueError:
+                account.drop_rows("text_value", 1, example)
+        return None
+
+    def _fields(self, line):
+        """Fields of a line, quotes and blanks around them removed."""
+        line = line.strip("\r").replace("\0", "\ufffd")
+        return [field.strip() for field in next(csv.reader([line], delimiter=self.separator), [""])]
+
+
+def _lines(block, ends, chosen):
+    """The bytes of the chosen lines; the block itself where all are."""
+    if chosen.all():
+        return block
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    # One piece a run of neighbouring lines.
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
+    return b"".join(block[starts[i] : ends[j - 1] + 1] for i, j in edges.reshape(-1, 2))
 
 
 def _is_number(text):
@@ -223,3 +249,47 @@ def _is_number(text):
     except ValueError:
         return False
     return True
+
+
+# What a byte can be to `_scan`.
+_NUMBER, _POINT, _SEPARATOR, _NEWLINE, _QUOTE, _OTHER = range(6)
+
+
+def _byte_kinds(separator):
+    kinds = np.full(256, _OTHER, np.uint8)
+    kinds[list(b"0123456789+-eE\r")] = _NUMBER
+    for byte, kind in ((".", _POINT), (separator, _SEPARATOR), ("\n", _NEWLINE), ('"', _QUOTE)):
+        kinds[ord(byte)] = kind
+    return kinds
+
+
+@njit(cache=True)
+def _scan(data, kinds, wanted):
+    """Ends of all lines, and whether each is regular: the right number of columns, plain numbers in the wanted ones.
+
+    A plain number is made of digits, signs, exponents and at most one point; whatever else, and a quote anywhere
+    since it may hide separators, is left to Python.
+    """
+    lines = 0
+    for byte in data:
+        lines += byte == 10
+    ends, regular = np.empty(lines, np.int64), np.empty(lines, np.bool_)
+    columns = len(wanted)
+    line, column, points, bad = 0, 0, 0, False
+    for i in range(len(data)):
+        kind = kinds[data[i]]
+        if kind <= _POINT:
+            points += kind
+        elif kind == _OTHER:
+            bad |= column >= columns or wanted[column]
+        elif kind == _QUOTE:
+            bad = True
+        else:
+            bad |= points > 1 and (column >= columns or wanted[column])
+            points = 0
+            column += 1
+            if kind == _NEWLINE:
+                ends[line] = i
+                regular[line] = column == columns and not bad
+                line, column, bad = line + 1, 0, False
+    return ends, regular

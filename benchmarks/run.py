@@ -1,0 +1,134 @@
+"""Speed and memory of the stages: `make bench` -> results/bench.json.
+
+Each line gives the measured figure and, where there is one, the ratio to the slow plain twin of tests/reference
+measured in the same run. The recordings are the real ones where MODLHMP_DATA has them, else the demo's: the first
+line says which. One core unless said; kernels are compiled before the clock starts.
+"""
+
+import json
+import os
+import platform
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from modlhmp.cleaning import clean_recording
+from modlhmp.demo import RECORDINGS, write_recording
+from modlhmp.forecasting import forecast_recording, make_forecaster
+from modlhmp.maps import cliff, map_path
+from modlhmp.maps.stef import build as build_stef
+from modlhmp.maps.stef import evaluate, middle_of_hour
+from modlhmp.scoring import score_recording
+from modlhmp.settings import load_dataset
+from modlhmp.storage import write_parquet
+from modlhmp.tracks import clock_hours
+
+ROOT = Path(__file__).parents[1]
+ROLLOUT = {"sampling_radius_m": 1.0, "beta": 1.0, "speed": "constant"}
+
+
+def main():
+    """Measure everything, print it, write results/bench.json."""
+    figures = {"machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores", "python": platform.python_version()}
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        train, test, dataset = tracks(folder, figures)
+        figures |= reading(folder)
+        figures |= maps(train, dataset, folder / "maps")
+        figures |= forecasts(test, dataset, folder / "maps")
+    for name, value in figures.items():
+        print(f"{name:60s} {value}")
+    out = ROOT / "results/bench.json"
+    out.parent.mkdir(exist_ok=True)
+    out.write_text(json.dumps(figures, indent=2) + "\n")
+
+
+def tracks(folder, figures):
+    """Training and test tracks of an ATC day, real or made up."""
+    name, data_root = "atc_1day", os.environ.get("MODLHMP_DATA")
+    if not data_root or not (Path(data_root) / "atc").is_dir():
+        name, data_root = "demo_hall", folder
+        for recording in (r for r in RECORDINGS if r.site == "hall"):
+            write_recording(folder / recording.file, recording.site, recording.day, seed=1)
+    schema = yaml.safe_load((ROOT / "workflow/schemas/dataset.schema.yaml").read_text())
+    dataset = load_dataset(ROOT / f"config/datasets/{name}.yaml", schema, data_root)
+    figures["recordings"] = dataset["title"]
+    by_split = {r["split"]: clean_recording(r["path"], dataset, r)[0] for r in dataset["recordings"]}
+    return by_split["train"], by_split["test"], dataset
+
+
+def reading(folder):
+    """Raw ATC CSV to clean 1 Hz tracks, 2 threads: speed, and peak memory at two sizes, each in its own process."""
+    found = {}
+    for scale in (4, 16):
+        path = folder / f"raw-{scale}.csv"
+        write_recording(path, "hall", "2030-10-02", seed=1, scale=scale)
+        done = subprocess.run([sys.executable, __file__, "read", path], capture_output=True, text=True, check=True)
+        seconds, peak_mb = map(float, done.stdout.split())
+        size = path.stat().st_size / 1e6
+        found[f"raw ATC CSV of {size:.0f} MB to 1 Hz [MB/s]"] = round(size / seconds, 1)
+        found[f"raw ATC CSV of {size:.0f} MB, peak memory [MB]"] = round(peak_mb)
+        path.unlink()
+    return found
+
+
+def read_alone(path):
+    """Clean one raw file; print seconds and peak memory [MB]."""
+    dataset = {"reader": "atc", "timezone": "Asia/Tokyo", "time_step_s": 1.0, "cleaning": ["single_row", "gap_over_5s"]}
+    start = time.perf_counter()
+    clean_recording(path, dataset, {"day": "2030-10-02"})
+    print(time.perf_counter() - start, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+
+
+def maps(train, dataset, folder):
+    """Build every map of the training recordings."""
+    hours = clock_hours(train.t, dataset["timezone"])
+    cliff.build(train.take(hours == np.unique(hours)[0]))  # compiles
+    found, start = {}, time.perf_counter()
+    write_parquet(cliff.build(train), map_path(folder, "cliff"))
+    found["CLiFF-map of the whole recording [s]"] = time.perf_counter() - start
+    start = time.perf_counter()
+    for hour in np.unique(hours):
+        write_parquet(cliff.build(train.take(hours == hour)), map_path(folder, "tc_cliff") / f"{hour:02d}.parquet")
+    found["CLiFF-maps of all hours [s]"] = time.perf_counter() - start
+    start = time.perf_counter()
+    stef = build_stef(train, dataset["timezone"])
+    found["STeF-map [s]"] = time.perf_counter() - start
+    for hour in range(*dataset["hours"]):
+        write_parquet(evaluate(stef, middle_of_hour(hour)), map_path(folder, "stef") / f"{hour:02d}.parquet")
+    size = np.mean([file.stat().st_size for file in map_path(folder, "tc_cliff").glob("*.parquet")])
+    found["one hourly CLiFF-map on disk [kB]"] = size / 1000
+    return {name: round(value, 2) for name, value in found.items()}
+
+
+def forecasts(test, dataset, folder):
+    """Roll-outs (k = 5, longest horizon, ranked) and their scoring, milliseconds a track."""
+    found = {}
+    for kind in ("tc_cliff", "cliff", "stef"):
+        forecaster = make_forecaster(kind, ROLLOUT, dataset, map_path(folder, kind))
+
+        def run(seeds, forecaster=forecaster, kind=kind):
+            return list(forecast_recording(test, forecaster, dataset, ("bench", kind, "test"), 5, seeds))
+
+        run([0])
+        start = time.perf_counter()
+        made = run([1, 2, 3])
+        tracks_made = sum(len(ids) for _, ids, _ in made)
+        found[f"roll-out {kind}, k = 5, {dataset['horizon_s']} s [ms a track]"] = 1e3 * (time.perf_counter() - start) / tracks_made
+        start = time.perf_counter()
+        score_recording(test, made, "test", dataset)
+        found[f"scoring {kind}, both protocols [ms a track]"] = 1e3 * (time.perf_counter() - start) / tracks_made
+    return {name: round(value, 4) for name, value in found.items()}
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["read"]:
+        read_alone(sys.argv[2])
+    else:
+        main()

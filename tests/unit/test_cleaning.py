@@ -1,0 +1,265 @@
+"""Cleaning: the removal rules one by one, the common time step, the account."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from modlhmp.cleaning import RULES, backward_differences, clean_recording, interpolate
+from modlhmp.storage import DataError
+from modlhmp.tracks import Tracks, circular_difference, concatenate, empty_tracks
+
+SCALE = 0.0247
+T0 = 1_277_971_200.0
+LEFT, RIGHT = [[0, 0], [50, 0], [50, 480], [0, 480]], [[590, 0], [640, 0], [640, 480], [590, 480]]
+
+
+def track(track_id, t, x=None, y=None):
+    """One track without velocities; positions [m]."""
+    t = np.asarray(t, float)
+    x, y = (np.zeros(len(t)) if v is None else np.asarray(v, float) for v in (x, y))
+    unknown = np.full(len(t), np.nan)
+    return Tracks(np.full(len(t), track_id, np.int64), t, x, y, unknown, unknown)
+
+
+def pixels(track_id, *points):
+    x, y = np.array(points, float).T * SCALE
+    return track(track_id, np.arange(len(points)), x, y)
+
+
+def dropped_by(rule, tracks, **options):
+    """Ids of the tracks that a rule drops."""
+    mask = RULES[rule](tracks, {"scale": SCALE}, **options)
+    ids = tracks.track_id[tracks.bounds()[:-1]]
+    assert mask.shape == ids.shape
+    return ids[mask].tolist()
+
+
+# --- rules --------------------------------------------------------------------------------------------------
+
+
+def test_single_row():
+    tracks = concatenate([track(1, [0]), track(2, [0, 1]), track(3, [5]), track(4, [0, 1, 2])])
+    assert dropped_by("single_row", tracks) == [1, 3]
+
+
+@pytest.mark.parametrize(("points", "dropped"), [(1, []), (2, [1]), (31, [1, 2]), (32, [1, 2, 3])])
+def test_min_points(points, dropped):
+    tracks = concatenate([track(1, [0]), track(2, range(30)), track(3, range(31)), track(4, range(32))])
+    assert dropped_by("min_points", tracks, points=points) == dropped
+
+
+def test_gap_over_5s():
+    tracks = concatenate([
+        track(1, [0, 5, 10]),
+        track(2, [0, 1, 6.5, 7]),
+        track(3, [100, 101]),  # the step from track 2 is no gap
+        track(4, [0, 60]),
+        track(5, [7]),
+        track(6, [0, 1, 2, 7.001]),
+    ])  # fmt: skip
+    assert dropped_by("gap_over_5s", tracks) == [2, 4, 6]
+
+
+@pytest.mark.parametrize("thousandths", [0, 1, 77, 123, 400, 512, 999])
+def test_a_gap_of_5s_is_not_over_5s(thousandths):
+    """At times with milliseconds, whose difference in binary may be a little over 5."""
+    times = [[T0 + k + thousandths / 1000, T0 + k + 5 + thousandths / 1000] for k in range(200)]
+    tracks = concatenate(track(k, t) for k, t in enumerate(times))
+    assert dropped_by("gap_over_5s", tracks) == []
+
+
+def test_gap_of_45_frames_at_9_a_second_is_not_over_5s():
+    tracks = concatenate(track(k, [T0 + k / 9, T0 + (k + 45) / 9]) for k in range(200))
+    assert dropped_by("gap_over_5s", tracks) == []
+
+
+def test_start_end_margin():
+    tracks = concatenate([
+        pixels(1, (20, 100), (300, 200), (620, 100)),  # from side to side
+        pixels(2, (300, 200), (620, 100)),  # starts in the middle
+        pixels(3, (20, 100), (300, 200)),  # ends there
+        pixels(4, (20, 100), (300, 200), (20, 300)),  # back to its side
+        pixels(5, (300, 200), (20, 100), (310, 200)),
+        pixels(6, (49, 479), (591, 1)),
+        pixels(7, (51, 479), (591, 1)),
+    ])  # fmt: skip
+    assert dropped_by("start_end_margin", tracks, polygons=[LEFT, RIGHT]) == [2, 3, 5, 7]
+    assert dropped_by("start_end_margin", tracks, polygons=[LEFT]) == [1, 2, 3, 5, 6, 7]
+
+
+def test_lift_loiterers():
+    lift = [[487, -1], [641, -1], [641, 50], [487, 50]]
+    tracks = concatenate([
+        pixels(1, (560, 10), (300, 300), (500, 40)),  # leaves the area, and comes back
+        pixels(2, (560, 10), (300, 300)),
+        pixels(3, (300, 300), (560, 10)),
+        pixels(4, (300, 300), (560, 10), (310, 300)),
+        pixels(5, (600, 5)),
+    ])  # fmt: skip
+    assert dropped_by("lift_loiterers", tracks, polygons=[lift]) == [1, 5]
+
+
+POLYGON_FORMS = [LEFT, LEFT[::-1], [*LEFT, LEFT[0]], LEFT[2:] + LEFT[:2]]
+
+
+@pytest.mark.parametrize("rule", ["start_end_margin", "lift_loiterers"])
+def test_polygons_may_be_listed_either_way_round_and_closed(rule):
+    tracks = concatenate(pixels(k, point) for k, point in enumerate([(49, 240), (51, 240), (25, 479), (25, 481)]))
+    expected = [0, 2] if rule == "lift_loiterers" else [1, 3]
+    assert [dropped_by(rule, tracks, polygons=[polygon]) for polygon in POLYGON_FORMS] == [expected] * 4
+
+
+def test_a_pixel_on_the_border_is_inside_or_outside_however_the_polygon_is_listed():
+    tracks = concatenate(pixels(k, (50, y)) for k, y in enumerate(range(1, 480)))
+    found = [dropped_by("lift_loiterers", tracks, polygons=[polygon]) for polygon in POLYGON_FORMS]
+    assert found == [found[0]] * 4
+    assert len(found[0]) in {0, 479}, "all pixels of a side are treated alike"
+
+
+RULE_OPTIONS = {
+    "min_points": {"points": 3},
+    "start_end_margin": {"polygons": [LEFT]},
+    "lift_loiterers": {"polygons": [LEFT]},
+}
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_rules_on_no_tracks(rule):
+    assert dropped_by(rule, empty_tracks(), **RULE_OPTIONS.get(rule, {})) == []
+
+
+# --- the common time step -----------------------------------------------------------------------------------
+
+STEPS = st.lists(st.integers(1, 60), max_size=8)  # in 1/16 s: exact in binary
+PLACES = st.floats(-50, 50)
+
+
+@st.composite
+def tables(draw):
+    tracks = []
+    for number in range(draw(st.integers(1, 4))):
+        t = T0 + draw(st.integers(0, 9999)) / 16 + np.cumsum([0, *draw(STEPS)]) / 16
+        x, y = (draw(st.lists(PLACES, min_size=len(t), max_size=len(t))) for _ in range(2))
+        tracks.append(track(number, t, x, y))
+    return tracks
+
+
+@given(tables(), st.sampled_from([0.25, 0.5, 1.0, 2.0]))
+def test_interpolation_is_that_of_each_track_alone(tracks, step_s):
+    result = interpolate(concatenate(tracks), step_s)
+    for one in tracks:
+        found = result.take(result.track_id == one.track_id[0])
+        grid = one.t[0] + step_s * np.arange(int((one.t[-1] - one.t[0]) / step_s) + 1)
+        assert found.t.tolist() == grid.tolist()
+        np.testing.assert_allclose(found.x, np.interp(grid, one.t, one.x), atol=1e-6)
+        np.testing.assert_allclose(found.y, np.interp(grid, one.t, one.y), atol=1e-6)
+        assert np.isnan([found.speed[0], found.heading[0]]).all()
+        dx, dy = np.diff(found.x), np.diff(found.y)
+        np.testing.assert_allclose(found.speed[1:], np.hypot(dx, dy) / step_s, atol=1e-9)
+        np.testing.assert_allclose(found.heading[1:], np.arctan2(dy, dx))
+
+
+@given(tables(), st.randoms(use_true_random=False))
+def test_interpolation_does_not_depend_on_the_order_of_tracks(tracks, random):
+    straight = interpolate(concatenate(tracks), 1.0)
+    shuffled = tracks[:]
+    random.shuffle(shuffled)
+    other = interpolate(concatenate(shuffled), 1.0)
+    other = other.take(np.argsort(other.track_id, kind="stable"))
+    for a, b in zip(straight, other, strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)
+
+
+def test_a_row_on_the_last_grid_point_is_kept():
+    """9 frames a second: the times are not exact in binary, the grid must not lose its end."""
+    for first in range(50):
+        found = interpolate(track(1, T0 + (first + np.arange(0, 28)) / 9, np.arange(28)), 1.0)
+        np.testing.assert_allclose(found.x, [0, 9, 18, 27], atol=1e-4)
+
+
+def test_interpolation_keeps_a_far_neighbour_out():
+    """The end of one track is not drawn towards the start of the next, however far that is."""
+    near, far = track(1, T0 + np.arange(28) / 9), track(2, T0 + np.arange(28) / 9, np.full(28, 9e3))
+    found = interpolate(concatenate([near, far]), 1.0)
+    assert set(found.x[found.track_id == 1]) == {0.0}
+    assert set(found.x[found.track_id == 2]) == {9e3}
+
+
+def test_a_track_of_one_row_stays():
+    found = interpolate(track(1, [T0 + 0.3], [1.0], [2.0]), 1.0)
+    assert (found.t.tolist(), found.x.tolist(), found.y.tolist()) == ([T0 + 0.3], [1.0], [2.0])
+
+
+def test_interpolating_nothing():
+    assert len(interpolate(empty_tracks(), 1.0).t) == 0
+
+
+def test_gaps_of_hours_do_not_fill_the_memory():
+    with pytest.raises(DataError, match="gap_over_5s"):
+        interpolate(track(1, [T0, T0 + 1e9]), 1.0)
+
+
+def test_backward_differences():
+    ids = np.array([1, 1, 1, 2, 2])
+    t = np.array([0.0, 1.0, 3.0, 0.0, 0.5])
+    x, y = np.array([0.0, 3.0, 3.0, 9.0, 8.0]), np.array([0.0, 4.0, 2.0, 9.0, 9.0])
+    speed, heading = backward_differences(ids, t, x, y)
+    np.testing.assert_allclose(speed, [np.nan, 5.0, 1.0, np.nan, 2.0])
+    np.testing.assert_allclose(heading, [np.nan, np.arctan2(4, 3), -np.pi / 2, np.nan, np.pi])
+
+
+@given(st.integers(3, 20), st.floats(-3.1, 3.1), st.floats(0.1, 2.0))
+def test_backward_differences_of_steady_walking(n, direction, pace):
+    t = T0 + np.arange(n, dtype=float)
+    x, y = pace * np.cos(direction) * np.arange(n), pace * np.sin(direction) * np.arange(n)
+    speed, heading = backward_differences(np.ones(n), t, x, y)
+    np.testing.assert_allclose(speed[1:], pace, atol=1e-9)
+    np.testing.assert_allclose(circular_difference(heading[1:], direction), 0, atol=1e-9)
+
+
+# --- a whole recording --------------------------------------------------------------------------------------
+
+
+def clean(write, content, **changes):
+    dataset = {
+        "reader": "delimited",
+        "timezone": "UTC",
+        "columns": {"t": 0, "track_id": 1, "x": 2, "y": 3},
+        "time_step_s": 1.0,
+        "cleaning": ["single_row", "gap_over_5s"],
+        **changes,
+    }
+    return clean_recording(write(content), dataset, {"day": "1970-01-01"})
+
+
+MIXED = "0,1,0,0\n1,1,1,0\n2,1,2,0\n0,2,5,5\n0,3,0,0\n9,3,1,1\n-5,4,0,0\n0,4,x,0\n0.5,5,0,0\n2,5,3,0\n0,6,0,0\n"
+
+
+def test_the_account_of_a_recording(write):
+    tracks, account = clean(write, MIXED)
+    assert account["rows"] == {
+        "read": 11,
+        "kept": 5,
+        "dropped": {"gap_over_5s": 2, "outside_day": 1, "single_row": 2, "text_value": 1},
+    }
+    assert account["tracks"] == {"read": 5, "kept": 2, "dropped": {"gap_over_5s": 1, "single_row": 2}}
+    assert account["rows_written"] == len(tracks.t) == 5
+    assert tracks.track_id.tolist() == [1, 1, 1, 5, 5]
+    assert tracks.x.tolist() == pytest.approx([0, 1, 2, 0, 2])
+
+
+def test_rules_count_in_the_order_of_the_dataset_file(write):
+    _, account = clean(write, MIXED, cleaning=[{"min_points": {"points": 3}}, "single_row", "gap_over_5s"])
+    assert account["tracks"]["dropped"] == {"min_points": 4}
+
+
+def test_file_velocities_are_kept_and_positions_not_interpolated(write):
+    columns = {"t": 0, "track_id": 1, "x": 2, "y": 3, "speed": 4, "heading": 5}
+    tracks, _ = clean(write, "0.2,1,0,0,7,1\n1.9,1,1,0,8,2\n", columns=columns)
+    assert (tracks.t.tolist(), tracks.speed.tolist()) == ([0.2, 1.9], [7.0, 8.0])
+
+
+def test_rules_that_leave_nothing_name_the_file_and_what_they_dropped(write):
+    with pytest.raises(DataError, match=r"recording\.csv: cleaning left no track.*min_points.*`cleaning`"):
+        clean(write, MIXED, cleaning=[{"min_points": {"points": 50}}])

@@ -1,0 +1,219 @@
+"""The track table: angles, clocks, bounds, files."""
+
+import math
+from datetime import UTC, datetime, timedelta
+from zoneinfo import ZoneInfo
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from modlhmp.storage import DataError, read_metadata, write_parquet
+from modlhmp.tracks import (
+    COLUMNS,
+    Tracks,
+    circular_difference,
+    clock_hours,
+    clock_offsets,
+    concatenate,
+    empty_tracks,
+    read_tracks,
+    wrap_angle,
+    write_tracks,
+)
+
+ANGLES = st.floats(-1000, 1000)
+
+
+def turn_between(a, b):
+    """Angle between two directions [rad], >= 0, by complex numbers."""
+    return abs(np.angle(np.exp(1j * (np.asarray(a) - np.asarray(b)))))
+
+
+def some_tracks(ids, seed=0):
+    rng = np.random.default_rng(seed)
+    n = len(ids)
+    return Tracks(np.array(ids, np.int64), 1.3e9 + np.arange(n), *rng.normal(size=(3, n)), rng.uniform(-3, 3, n))
+
+
+# --- angles -------------------------------------------------------------------------------------------------
+
+
+@given(ANGLES)
+@example(math.pi)
+@example(-math.pi)
+@example(math.nextafter(math.pi, 4))
+@example(math.nextafter(-math.pi, -4))
+@example(math.nextafter(3 * math.pi, 10))
+@example(-0.0)
+def test_wrapped_angles_lie_above_minus_pi_up_to_pi(angle):
+    assert -math.pi < wrap_angle(angle) <= math.pi
+
+
+@given(ANGLES)
+def test_wrapping_keeps_the_direction(angle):
+    assert turn_between(wrap_angle(angle), angle) < 1e-9
+
+
+@given(st.floats(-3.14, 3.14))
+def test_wrapping_leaves_wrapped_angles_alone(angle):
+    assert wrap_angle(angle) == pytest.approx(angle, abs=1e-15)
+
+
+@pytest.mark.parametrize("turns", [-3, -1, 1, 3, 5])
+def test_half_turns_become_plus_pi(turns):
+    assert wrap_angle(turns * math.pi) == pytest.approx(math.pi, abs=1e-12)
+
+
+def test_wrapping_keeps_nan_and_shape():
+    angles = np.array([[0.5, np.nan], [7.0, -7.0]])
+    wrapped = wrap_angle(angles)
+    assert wrapped.shape == (2, 2)
+    assert np.isnan(wrapped).tolist() == [[False, True], [False, False]]
+
+
+@given(st.floats(-4, 4), st.floats(-4, 4))
+@example(math.pi, -math.pi)
+@example(-math.pi, math.pi)
+@example(0.0, math.pi)
+@example(math.pi, 0.0)
+@example(-3.0, 3.0)
+def test_circular_difference_is_the_smallest_turn(a, b):
+    difference = circular_difference(a, b)
+    assert -math.pi < difference <= math.pi
+    assert abs(difference) == pytest.approx(turn_between(a, b), abs=1e-9)
+    assert turn_between(b + difference, a) < 1e-9
+
+
+def test_circular_difference_across_the_border():
+    assert circular_difference(-3.0, 3.0) == pytest.approx(2 * math.pi - 6)
+    assert circular_difference(3.0, -3.0) == pytest.approx(6 - 2 * math.pi)
+
+
+# --- clocks -------------------------------------------------------------------------------------------------
+
+ZONES = ["Asia/Tokyo", "Europe/London", "Asia/Kolkata", "Asia/Kathmandu", "America/St_Johns",
+         "Australia/Lord_Howe", "America/New_York", "UTC"]  # fmt: skip
+CHANGES = [  # zone, a day on which its clock is set forward or back
+    ("Europe/London", "2010-03-28"),
+    ("Europe/London", "2010-10-31"),
+    ("America/New_York", "2012-03-11"),
+    ("America/New_York", "2012-11-04"),
+    ("Australia/Lord_Howe", "2012-10-07"),  # by half an hour
+    ("America/St_Johns", "2010-11-07"),  # at 00:01
+]
+
+
+def expected_clock(times, zone):
+    local = [datetime.fromtimestamp(float(t), ZoneInfo(zone)) for t in times]
+    return [d.hour for d in local], [d.utcoffset().total_seconds() for d in local]
+
+
+@pytest.mark.parametrize("zone", ZONES)
+@given(times=st.lists(st.floats(0, 1.9e9), min_size=1, max_size=20))
+def test_clock_agrees_with_datetime(zone, times):
+    hours, offsets = expected_clock(times, zone)
+    assert clock_hours(times, zone).tolist() == hours
+    assert clock_offsets(times, zone).tolist() == offsets
+
+
+@pytest.mark.parametrize(("zone", "day"), CHANGES)
+def test_clock_follows_a_change_of_summer_time(zone, day):
+    midnight = datetime.fromisoformat(day).replace(tzinfo=UTC)
+    times = (midnight - timedelta(hours=14)).timestamp() + np.arange(0, 40 * 3600, 60.0)
+    hours, offsets = expected_clock(times, zone)
+    assert len(set(offsets)) == 2, "the day has no change: the test is wrong"
+    assert clock_hours(times, zone).tolist() == hours
+    assert clock_offsets(times, zone).tolist() == offsets
+
+
+def test_an_hour_begins_at_its_first_instant():
+    nine = datetime(2010, 7, 1, 9, tzinfo=ZoneInfo("Asia/Kolkata")).timestamp()
+    assert clock_hours([nine - 0.001, nine, nine + 3599.999, nine + 3600], "Asia/Kolkata").tolist() == [8, 9, 9, 10]
+
+
+def test_clocks_of_no_times_and_of_tables():
+    assert clock_hours([], "Asia/Tokyo").shape == (0,)
+    assert clock_offsets(np.zeros((2, 3)), "Asia/Tokyo").shape == (2, 3)
+
+
+# --- tables -------------------------------------------------------------------------------------------------
+
+
+@given(st.lists(st.integers(1, 4), max_size=6))
+def test_bounds_are_the_tracks_first_rows(lengths):
+    ids = np.repeat(np.arange(len(lengths)) * 10, lengths)
+    assert some_tracks(ids).bounds().tolist() == np.cumsum([0, *lengths]).tolist()
+
+
+def test_take_by_mask_and_by_index():
+    tracks = some_tracks([1, 1, 2, 2])
+    assert tracks.take(tracks.track_id == 2).t.tolist() == tracks.t[2:].tolist()
+    assert tracks.take(np.array([3, 0])).x.tolist() == [tracks.x[3], tracks.x[0]]
+
+
+def test_concatenate_keeps_order_and_types():
+    one, two = some_tracks([1, 1]), some_tracks([5], seed=1)
+    both = concatenate([one, empty_tracks(), two])
+    assert both.track_id.tolist() == [1, 1, 5]
+    assert both.y.tolist() == [*one.y, *two.y]
+    assert [column.dtype for column in both] == [np.dtype(kind) for kind in COLUMNS.values()]
+
+
+def test_concatenate_nothing_is_an_empty_table():
+    assert [len(column) for column in concatenate(iter([]))] == [0] * 6
+
+
+# --- files --------------------------------------------------------------------------------------------------
+
+
+def test_parquet_round_trip_with_provenance(tmp_path):
+    tracks = some_tracks([3, 3, 7])
+    tracks.speed[0] = tracks.heading[0] = np.nan
+    path = tmp_path / "new" / "day.parquet"
+    write_tracks(tracks, path, dataset="hall", sources={"day.csv": "ab12"}, seed=None)
+    again = read_tracks(path)
+    for name, before, after in zip(COLUMNS, tracks, again, strict=True):
+        np.testing.assert_array_equal(before, after, err_msg=name)
+        assert after.dtype == COLUMNS[name]
+    assert read_metadata(path) == {"dataset": "hall", "sources": {"day.csv": "ab12"}, "seed": None}
+    assert [file.name for file in path.parent.iterdir()] == ["day.parquet"], "a temporary file was left"
+
+
+def test_empty_table_round_trip(tmp_path):
+    write_tracks(empty_tracks(), tmp_path / "none.parquet")
+    assert [column.dtype for column in read_tracks(tmp_path / "none.parquet")] == list(COLUMNS.values())
+
+
+def test_failed_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "day.parquet"
+    write_tracks(some_tracks([1]), path)
+    before = path.read_bytes()
+    with pytest.raises(TypeError):
+        write_tracks(some_tracks([2]), path, note=object())
+    assert path.read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["day.parquet"]
+
+
+def test_a_foreign_file_is_named(tmp_path):
+    path = tmp_path / "foreign.parquet"
+    write_parquet({"track_id": [1], "t": [0.0], "x": [0.0]}, path)
+    with pytest.raises(DataError, match=r"foreign\.parquet: no column y, speed, heading"):
+        read_tracks(path)
+
+
+def test_metadata_of_a_file_without_provenance_is_empty(tmp_path):
+    pq.write_table(pa.table({"a": [1]}), tmp_path / "plain.parquet")
+    assert read_metadata(tmp_path / "plain.parquet") == {}
+
+
+@pytest.mark.parametrize("content", [None, b"", b"PAR1 but nothing more", b"\x00" * 200])
+def test_missing_or_damaged_parquet_says_what_to_do(tmp_path, content):
+    path = tmp_path / "day.parquet"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(DataError, match=r"day\.parquet: cannot be read as Parquet .* run the workflow again"):
+        read_tracks(path)

@@ -1,0 +1,168 @@
+"""Configurations: every shipped one plans, wrong ones are refused in plain words, own recordings work."""
+
+import http.server
+import json
+import threading
+
+import numpy as np
+import pandas as pd
+import pytest
+from modlhmp.storage import file_sha256
+
+OWN_DATASET = """
+title: Own recording
+reader: delimited
+timezone: Asia/Kolkata
+hours: [9, 12]
+figure_hours: [9, 10, 11]
+recordings:
+  - {files: monday.csv, day: 2031-03-03, start: "09:30", split: train}
+  - {files: tuesday.csv, day: 2031-03-04, start: "09:30", split: test}
+columns: {track_id: person, t: time, x: x, y: y}
+header: true
+separator: ";"
+units: {time: ms, length: cm}
+horizon_s: 30
+velocity: differences
+citation: made up by a test
+terms: free
+"""
+
+
+def own_csv(path, seconds, seed):
+    """People who walk along a corridor in both directions, 2.5 rows a second; time in ms, lengths in cm."""
+    rng = np.random.default_rng(seed)
+    pieces = []
+    for person in range(60):
+        t = np.arange(0, seconds, 0.4)
+        way = 1 if person % 2 else -1
+        x = way * 1.2 * t - way * 10 + rng.normal(0, 0.02, len(t))
+        y = way * 0.8 + rng.normal(0, 0.2) + rng.normal(0, 0.02, len(t))
+        pieces.append(pd.DataFrame({"time": 1000 * (t + person * 20), "person": person, "x": 100 * x, "y": 100 * y}))
+    pd.concat(pieces).to_csv(path, sep=";", index=False, float_format="%.3f")
+
+
+@pytest.fixture
+def own(project):
+    """A project with a dataset of its own beside the shipped ones."""
+    (project.folder / "config/datasets/own.yaml").write_text(OWN_DATASET)
+    (project.folder / "own.yaml").write_text("run: own\ndatasets: [own]\ndata_root: recordings\nseeds: [0]\n")
+    (project.folder / "recordings").mkdir()
+    return project
+
+
+OWN = ("--cores", 2, "--configfile", "own.yaml")
+
+
+@pytest.mark.parametrize("overlay", [None, "real", "paper", "tiny"])
+def test_every_shipped_configuration_plans(project, overlay):
+    """A dry run at the root plans jobs, with recordings or without."""
+    arguments = ("--configfile", f"config/{overlay}.yaml") if overlay else ()
+    output = project.snakemake("-n", *arguments)
+    assert "forecast_recording" in output
+    assert "table_results" in output
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        ("sedes=[1]", "did you mean 'seeds'"),
+        ("compare=[tc_clif]", "did you mean 'tc_cliff'"),
+        ("datasets=[demo_hal]", "did you mean 'demo_hall'"),
+        ("methods={cliff: {kind: clif}}", "'clif' is not one of"),
+        ("rollout={speed: fast}", "'fast' is not one of"),
+        ("seeds=[]", "non-empty"),
+        ("comparisons=[[cliff, lstm]]", "no method named 'lstm'"),
+        ("datasets=[demo_hall, demo_hall]", "non-unique"),
+        ("seeds=[0]", "belong in a file"),
+    ],
+)
+def test_a_wrong_setting_stops_with_its_name(project, setting, message):
+    """No typo passes silently."""
+    output = project.snakemake("-n", "--config", setting, fails=True)
+    assert message in output
+    assert "Traceback" not in output
+
+
+def test_an_unknown_reader_is_refused(own):
+    """The dataset file and the key are named."""
+    file = own.folder / "config/datasets/own.yaml"
+    file.write_text(OWN_DATASET.replace("reader: delimited", "reader: csv"))
+    output = own.snakemake("-n", *OWN, fails=True)
+    assert "own.yaml" in output
+    assert "reader: 'csv' is not one of" in output
+
+
+def test_a_missing_recording_is_asked_for(project):
+    """Without sources: the file, the folder and the owner's page."""
+    target = "results/real/atc_1day/tracks/atc-20121024-1hz-test.parquet"
+    output = project.snakemake("--cores", 1, "--configfile", "config/real.yaml", "--", target, fails=True)
+    assert "atc-20121024-1hz-test.csv" in output
+    assert "ATC_dataset" in output
+    assert "Traceback" not in output
+
+
+def test_a_recording_of_one_s_own(own):
+    """Any CSV: from its description to the results; hours without data and a long horizon do no harm."""
+    for name, seed in (("monday", 1), ("tuesday", 2)):
+        own_csv(own.folder / "recordings" / f"{name}.csv", 16, seed)
+    own.snakemake(*OWN)
+    results = pd.read_csv(own.folder / "paper_figures/own/results.csv")
+    at = results.set_index(["method", "output", "protocol", "horizon_s"])
+    assert at.loc[("cliff", "ranked", "complete", 10), "n"] == 60
+    # They walk straight on: constant velocity is right up to the noise.
+    assert at.loc[("cvm", "single", "complete", 10), "ade_m"] < 0.5
+    # No track is as long as the horizon: no number, and no crash.
+    assert at.loc[("cvm", "single", "complete", 30), "eligible"] == 0
+    assert np.isnan(at.loc[("cvm", "single", "complete", 30), "ade_m"])
+    table = (own.folder / "paper_figures/own/tab_expres.md").read_text()
+    assert "– / – (n 0/0)" in table
+    assert "hour 11 is skipped" in (own.folder / "results/own/logs/build_tc_cliff/own.log").read_text()
+
+
+def test_a_bad_recording_ends_with_a_message(own):
+    """The log names file, row and remedy; there is no traceback."""
+    own_csv(own.folder / "recordings/monday.csv", 16, 1)
+    (own.folder / "recordings/tuesday.csv").write_text("time;person;x\n1;2;3\n")
+    output = own.snakemake(*OWN, fails=True)
+    assert "tuesday.csv, row 1: no column 'y' for y" in output
+    assert "Traceback" not in output
+
+
+def test_sources_are_fetched_and_checked_ever_after(own):
+    """A dataset file's `sources`: downloaded once, recorded, and a changed file is refused."""
+    served = own.folder / "served"
+    served.mkdir()
+    for name, seed in (("monday", 1), ("tuesday", 2)):
+        own_csv(served / f"{name}.csv", 16, seed)
+
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def __init__(self, *arguments):
+            super().__init__(*arguments, directory=served)
+
+        def log_message(self, *arguments):
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        url = f"http://127.0.0.1:{server.server_port}"
+        sources = [
+            {"url": f"{url}/monday.csv", "file": "monday.csv", "sha256": file_sha256(served / "monday.csv")},
+            {"url": f"{url}/tuesday.csv", "file": "tuesday.csv"},
+        ]
+        file = own.folder / "config/datasets/own.yaml"
+        file.write_text(f"{OWN_DATASET}\nsources: {json.dumps(sources)}\n")
+        tracks = [f"results/own/own/tracks/{name}.parquet" for name in ("monday", "tuesday")]
+        own.snakemake(*OWN, "--", *tracks)
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+    assert (own.folder / "recordings/monday.csv").read_bytes() == (served / "monday.csv").read_bytes()
+    with (own.folder / "recordings/tuesday.csv").open("a") as file:
+        file.write("999999;7;1;1\n")
+    output = own.snakemake(*OWN, "--", tracks[1], fails=True)
+    assert "tuesday.csv" in output
+    assert "sha" in output.lower()
