@@ -35,9 +35,12 @@ ROLLOUT = {"sampling_radius_m": 1.0, "beta": 1.0, "speed": "constant"}
 
 def main():
     """Measure everything, print it, write results/bench.json."""
-    figures = {"machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores", "python": platform.python_version()}
-    with tempfile.TemporaryDirectory() as folder:
-        folder = Path(folder)
+    figures = {
+        "machine": f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores",
+        "python": platform.python_version(),
+    }
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
         train, test, dataset = tracks(folder, figures)
         figures |= reading(folder)
         figures |= maps(train, dataset, folder / "maps")
@@ -120,7 +123,9 @@ def forecasts(test, dataset, folder):
         start = time.perf_counter()
         made = run([1, 2, 3])
         tracks_made = sum(len(ids) for _, ids, _ in made)
-        found[f"roll-out {kind}, k = 5, {dataset['horizon_s']} s [ms a track]"] = 1e3 * (time.perf_counter() - start) / tracks_made
+        found[f"roll-out {kind}, k = 5, {dataset['horizon_s']} s [ms a track]"] = (
+            1e3 * (time.perf_counter() - start) / tracks_made
+        )
         start = time.perf_counter()
         score_recording(test, made, "test", dataset)
         found[f"scoring {kind}, both protocols [ms a track]"] = 1e3 * (time.perf_counter() - start) / tracks_made

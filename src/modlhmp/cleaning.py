@@ -26,11 +26,15 @@ def clean_recording(path, dataset, recording):
     account.rows_kept = len(tracks.t)
     account.tracks_kept = len(tracks.bounds()) - 1
     if np.isnan(tracks.speed).all():
-        tracks = interpolate(tracks, dataset["time_step_s"])
+        try:
+            tracks = interpolate(tracks, dataset["time_step_s"])
+        except DataError as error:
+            raise DataError(f"{path}: {error}") from None
     account.rows_written = len(tracks.t)
     if not len(tracks.t):
         raise DataError(
-            f"{path}: cleaning left no track; dropped {dict(account.dropped_tracks)}; is `cleaning` too strict?"
+            f"{path}: cleaning left no track; rows dropped: {dict(account.dropped_rows)}, "
+            f"tracks dropped: {dict(account.dropped_tracks)}; is `cleaning` too strict?"
         )
     return tracks, account.as_dict()
 
@@ -77,9 +81,10 @@ def interpolate(tracks, step_s):
         return tracks
     first, last = bounds[:-1], bounds[1:] - 1
     duration = tracks.t[last] - tracks.t[first]
-    counts = np.floor(duration / step_s + 1e-6).astype(np.int64) + 1
+    counts = np.floor(duration / step_s + 1e-6) + 1
     if counts.sum() > 100 * len(tracks.t) + 86_400 / step_s:
         raise DataError("tracks have gaps of hours; add `gap_over_5s` to the dataset's `cleaning`")
+    counts = counts.astype(np.int64)
     # One np.interp serves all tracks: they are laid one after the other on a common axis.
     offset = np.concatenate([[0.0], np.cumsum(duration + 2 * step_s)[:-1]])
     axis = tracks.t - np.repeat(tracks.t[first] - offset, np.diff(bounds))

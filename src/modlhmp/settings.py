@@ -3,7 +3,7 @@
 import difflib
 import glob
 import os
-from datetime import date, datetime
+from datetime import date
 from pathlib import Path
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
@@ -35,7 +35,10 @@ _RULE_NEEDS = {"min_points": "points", "start_end_margin": "polygons", "lift_loi
 def check(settings, schema, source):
     """Raise `DataError` naming `source`, the key and the remedy unless `settings` fit the JSON schema `schema`."""
     validator = jsonschema.Draft202012Validator(schema)
-    problems = [_explain(error) for error in sorted(validator.iter_errors(settings), key=lambda e: list(e.path))]
+    problems = [
+        _explain(error)
+        for error in sorted(validator.iter_errors(settings), key=lambda e: [str(part) for part in e.path])
+    ]
     if problems:
         raise DataError(f"{source}:\n  " + "\n  ".join(problems))
 
@@ -88,8 +91,8 @@ def load_dataset(path, schema, data_root):
     """
     try:
         listed = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise DataError(f"{path}: not valid YAML ({error})") from None
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise DataError(f"{path}: not valid YAML in UTF-8 ({error})") from None
     if not isinstance(listed, dict):
         raise DataError(f"{path}: a dataset file is a mapping of keys, see config/README.md")
     listed = _dates_as_text(listed)
@@ -113,7 +116,7 @@ def load_dataset(path, schema, data_root):
 def _check_dataset(path, dataset):
     try:
         ZoneInfo(dataset["timezone"])
-    except (ZoneInfoNotFoundError, ValueError):
+    except (ZoneInfoNotFoundError, ValueError, OSError):
         raise DataError(
             f"{path}: timezone {dataset['timezone']!r} is unknown; use a name such as Europe/London"
         ) from None
@@ -145,12 +148,32 @@ def _check_dataset(path, dataset):
             raise DataError(
                 f"{path}: cleaning rule {name} takes {_RULE_NEEDS.get(name, 'no option')}, got {sorted(options)}"
             )
+        if "points" in options and not (type(options["points"]) is int and options["points"] > 0):
+            raise DataError(
+                f"{path}: cleaning rule {name}: points {options['points']!r} is not a positive whole number"
+            )
+        if "polygons" in options and not _are_polygons(options["polygons"]):
+            raise DataError(f"{path}: cleaning rule {name}: polygons must be lists of at least three [x, y] corners")
+
+
+def _are_polygons(value):
+    """Whether `value` is a list of polygons: lists of three or more [x, y]."""
+    return (
+        isinstance(value, list)
+        and value
+        and all(isinstance(polygon, list) and len(polygon) >= 3 for polygon in value)
+        and all(
+            isinstance(corner, list) and len(corner) == 2 and all(type(part) in (int, float) for part in corner)
+            for polygon in value
+            for corner in polygon
+        )
+    )
 
 
 def _resolve(path, entry, dataset, data_root):
     """One `recordings` entry to the recordings it stands for."""
     try:
-        datetime.fromisoformat(entry["day"])
+        date.fromisoformat(entry["day"])
     except ValueError:
         raise DataError(f"{path}: day {entry['day']!r} is not a date like 2012-10-24") from None
     root, listed = Path(data_root), entry["files"]

@@ -63,7 +63,8 @@ def read_tracks(path):
 
 def wrap_angle(angle):
     """Wrap angles [rad] to (-pi, pi]."""
-    return np.pi - np.mod(np.pi - angle, 2 * np.pi)
+    wrapped = np.pi - np.mod(np.pi - angle, 2 * np.pi)
+    return np.where(wrapped <= -np.pi, np.pi, wrapped)  # rounding can reach the open end
 
 
 def circular_difference(a, b):
@@ -77,8 +78,8 @@ def clock_hours(t, timezone):
 
 
 def clock_offsets(t, timezone):
-    """Local time minus UTC [s] at unix times [s]; zones change theirs at full quarters of an hour only."""
+    """Local time minus UTC [s] at unix times [s]; zones change theirs at full minutes."""
     zone = ZoneInfo(timezone)
-    quarters, inverse = np.unique(np.floor_divide(np.asarray(t, float), 900).astype(np.int64), return_inverse=True)
-    offsets = [datetime.fromtimestamp(900 * int(q), zone).utcoffset().total_seconds() for q in quarters]
+    minutes, inverse = np.unique(np.floor_divide(np.asarray(t, float), 60).astype(np.int64), return_inverse=True)
+    offsets = [datetime.fromtimestamp(60 * int(minute), zone).utcoffset().total_seconds() for minute in minutes]
     return np.array(offsets, float)[inverse.ravel()].reshape(np.shape(t))

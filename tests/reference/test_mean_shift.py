@@ -98,6 +98,17 @@ def test_modes_come_by_falling_membership(name):
     assert ((modes[:, 0] > -np.pi) & (modes[:, 0] <= np.pi)).all()
 
 
+@pytest.mark.parametrize("mean", [0.0, np.pi])
+def test_climbs_from_both_sides_of_a_seam_meet(mean):
+    # Symmetric about the mean: half of the climbs end a hair before it, half of them a hair behind it.
+    offset = np.random.default_rng(8).normal(0, 0.2, 60)
+    heading = np.array([twins.wrap(mean + d) for d in (*offset, *-offset)])
+    labels, modes = mean_shift(heading, np.full(120, 1.2), (0.3, 0.3))
+    assert not labels.any()
+    assert len(modes) == 1
+    assert twins.wrap(modes[0, 0] - mean) == pytest.approx(0.0, abs=1e-3)
+
+
 @pytest.mark.parametrize("angle", [0.01, 0.7, 2.0, np.pi, -1.3])
 @pytest.mark.parametrize("name", ["opposite flows", "flow across the seam", "slow and fast"])
 def test_modes_turn_with_the_headings(name, angle):

@@ -115,6 +115,19 @@ def test_whole_run_of_em(seed):
     assert np.abs(got - start).max() > 0.05  # it went somewhere
 
 
+def test_run_on_overlapping_components_stops_where_the_twin_does():
+    # Slow to converge: the gain falls below 1e-5 an observation long before it falls below 1e-5 in all.
+    close = np.array([[0.5, 0.3, 1.0, 0.10, 0.0, 0.04], [0.5, 0.9, 1.2, 0.10, 0.0, 0.04]])
+    heading, speed = draw(close, 200, seed=12)
+    start = rough_start(close)
+    components, gained = twins.em(heading, speed, start)
+    assert 10 < len(gained) < 100
+    assert gained[-1] - gained[-2] > 1e-4  # a stricter rule would have gone on
+    got, log_likelihood = swgmm.fit(heading, speed, start)
+    np.testing.assert_allclose(got, components, rtol=1e-6, atol=1e-6)
+    assert log_likelihood == pytest.approx(gained[-1], abs=1e-6)
+
+
 @pytest.mark.parametrize("iterations", [1, 3, 100])
 def test_log_likelihood_is_that_of_the_components_returned(monkeypatch, iterations):
     monkeypatch.setattr(swgmm, "MAX_ITERATIONS", iterations)

@@ -74,9 +74,7 @@ def parse_forum(text):
     pattern = r"Properties\.R(\d+)=\[(\d+) (\d+) (\d+) [^\]]*\];\n TRACK\.R(\d+)=\[(.*)\];\n"
     found = re.findall(pattern, text)
     assert all(match[0] == match[4] for match in found)
-    return {
-        int(m[0]): (*map(int, m[1:4]), [point[1:-1].split(" ") for point in m[5].split(";")]) for m in found
-    }
+    return {int(m[0]): (*map(int, m[1:4]), [point[1:-1].split(" ") for point in m[5].split(";")]) for m in found}
 
 
 def split_tracks(rows):
@@ -159,9 +157,7 @@ def test_hall_covers_its_hours_and_stays_inside(hall_rows):
     x_min, x_max, y_min, y_max = demo.SITES["hall"].extent
     x, y = hall_rows[:, 2:4].T / 1000
     assert ((x > x_min) & (x < x_max) & (y > y_min) & (y < y_max)).all()
-    assert distance_to_routes("hall", np.column_stack([x, y])[::10]).max() < 3.5, (
-        "people keep to the corridors"
-    )
+    assert distance_to_routes("hall", np.column_stack([x, y])[::10]).max() < 3.5, "people keep to the corridors"
 
 
 def test_hall_tracker_runs_at_about_24_hz(hall_rows):

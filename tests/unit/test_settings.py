@@ -246,7 +246,8 @@ def test_an_unknown_timezone_is_refused(load, zone):
 
 @pytest.mark.parametrize("rule", RULES)
 def test_every_rule_is_accepted_with_its_options(load, rule):
-    options = {"min_points": {"points": 31}, "start_end_margin": {"polygons": []}, "lift_loiterers": {"polygons": []}}
+    triangle = {"polygons": [[[0, 0], [50, 0], [0, 50.5]]]}
+    options = {"min_points": {"points": 31}, "start_end_margin": triangle, "lift_loiterers": triangle}
     assert load(cleaning=[{rule: options[rule]} if rule in options else rule])["cleaning"]
 
 

@@ -7,6 +7,7 @@ import threading
 import numpy as np
 import pandas as pd
 import pytest
+
 from modlhmp.storage import file_sha256
 
 OWN_DATASET = """

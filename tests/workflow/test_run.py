@@ -124,7 +124,7 @@ def test_an_edit_reruns_what_depends_on_it(tiny_run, tmp_path, module, rerun, un
 
 
 def test_a_changed_option_reruns_what_reads_it(tiny_run):
-    """beta is read by forecasts, not by maps."""
+    """Forecasts read beta , maps do not."""
     (tiny_run.folder / "beta.yaml").write_text("rollout: {beta: 2.0}\n")
     rules = planned(tiny_run.snakemake("-n", "--configfile", "config/tiny.yaml", "beta.yaml"))
     assert "forecast_recording" in rules

@@ -33,24 +33,18 @@ def read_delimited(path, layout, day=None, step_s=1.0):
     recording's day; rows outside are dropped. With speed and heading columns the last sample of each `step_s` is
     kept. Returns (Tracks, Account).
     """
-    parser = _Parser(path, layout)
+    parser, has_velocity = _Parser(path, layout), "speed" in layout["columns"]
     account, pieces, previous = Account(), [], -np.inf
     for block in line_blocks(path):
         values = parser.parse(block, account)
         rows = _to_si(values, layout)
-        latest = np.fmax.accumulate(np.concatenate([[previous], rows.t]))
+        rows = _drop_bad_rows(rows, values["row"], has_velocity, day, account)
+        latest = np.maximum.accumulate(np.concatenate([[previous], rows.t]))
         account.notes["rows_out_of_time_order"] += int(np.sum(rows.t < latest[:-1]))
         previous = latest[-1]
-        rows = _drop_bad_rows(rows, values["row"], day, account)
-        pieces.append(_last_of_step(rows, step_s, account) if "speed" in layout["columns"] else rows)
-    rows = _sort(concatenate(pieces))
-    if "speed" in layout["columns"]:
-        rows = _last_of_step(rows, step_s, account)
-    else:
-        same = np.zeros(len(rows.t), bool)
-        same[1:] = (np.diff(rows.track_id) == 0) & (np.diff(rows.t) == 0)
-        account.drop_rows("duplicate_row", same.sum())
-        rows = rows.take(~same)
+        pieces.append(_last_of_step(rows, step_s, account) if has_velocity else rows)
+    rows = concatenate(pieces)
+    rows = _last_of_step(rows, step_s, account) if has_velocity else _without_repeats(_sort(rows), account)
     if not len(rows.t):
         raise DataError(f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
     return rows, account
@@ -60,14 +54,18 @@ def _sort(rows):
     return rows.take(np.lexsort((rows.t, rows.track_id)))
 
 
+def _without_repeats(rows, account):
+    """Sorted rows without further rows of the same person and time: the first one counts."""
+    repeated = np.zeros(len(rows.t), bool)
+    repeated[1:] = (np.diff(rows.track_id) == 0) & (np.diff(rows.t) == 0)
+    account.drop_rows("duplicate_row", repeated.sum())
+    return rows.take(~repeated)
+
+
 def _last_of_step(rows, step_s, account):
     """Keep each person's last sample of each time step, as the 1 Hz ATC files do."""
-    rows = _sort(rows)
-    same_track = np.diff(rows.track_id) == 0
-    repeated = np.concatenate([[False], same_track & (np.diff(rows.t) == 0)])
-    account.drop_rows("duplicate_row", repeated.sum())
-    rows = rows.take(~repeated)
-    bins = np.floor(rows.t / step_s)
+    rows = _without_repeats(_sort(rows), account)
+    bins = np.floor(rows.t / step_s + 1e-4)  # a clock's rounding does not move a row into the step before
     overtaken = np.zeros(len(rows.t), bool)
     overtaken[:-1] = (np.diff(rows.track_id) == 0) & (np.diff(bins) == 0)
     account.drop_rows("downsampled", overtaken.sum())
@@ -91,9 +89,9 @@ def _to_si(values, layout):
     )
 
 
-def _drop_bad_rows(rows, numbers, day, account):
+def _drop_bad_rows(rows, numbers, has_velocity, day, account):
     """Drop rows that no person can have made, each under one name, the first that applies."""
-    measured = [rows.t, rows.x, rows.y] + ([rows.speed, rows.heading] if not np.isnan(rows.speed).all() else [])
+    measured = [rows.t, rows.x, rows.y] + [rows.speed, rows.heading] * has_velocity
     speed = np.nan_to_num(rows.speed)
     first, last = day or (-np.inf, np.inf)
     with np.errstate(invalid="ignore"):
@@ -165,6 +163,10 @@ class _Parser:
             name = column if self.layout.get("header") and isinstance(column, str) else str(column)
             if isinstance(column, int) and self.layout.get("header"):
                 name = self.names[column] if column < len(self.names) else None
+            if self.names.count(name) > 1:
+                raise DataError(
+                    f"{self.path}, row 1: {self.names.count(name)} columns are called {name!r}; use positions"
+                )
             if name not in self.names:
                 raise DataError(f"{self.path}, row 1: no column {column!r} for {field}; it has {', '.join(self.names)}")
             self.wanted[field] = name
@@ -228,9 +230,14 @@ class _Parser:
         return None
 
     def _fields(self, line):
-        """Fields of a line, quotes and blanks around them removed."""
-        line = line.strip("\r").replace("\0", "\ufffd")
-        return [field.strip() for field in next(csv.reader([line], delimiter=self.separator), [""])]
+        """Fields of a line, quotes and blanks around them removed; a line of unbalanced quotes is one field."""
+        line = line.strip("\r")
+        if '"' in line:
+            try:
+                return [field.strip() for field in next(csv.reader([line], delimiter=self.separator, strict=True))]
+            except (csv.Error, StopIteration):
+                return [line]
+        return [field.strip() for field in line.split(self.separator)]
 
 
 def _lines(block, ends, chosen):

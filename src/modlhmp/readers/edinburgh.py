@@ -19,8 +19,10 @@ ROWS_LAYOUT = {
     "width": 4,
     "units": {"length": "px", "time": "frame"},
 }
+MAX_NUMBER = 1e7  # more pixels or frames (twelve days' worth) than any recording has
 _TRACK = re.compile(rb"\s*TRACK\.R(\d+)\s*=\s*\[(.*)\]\s*;?\s*$")
 _TOTAL = re.compile(rb"Total number of trajectories in file are\s+(\d+)")
+_POINTS = re.compile(rb"(?:\s*\[\s*[^\s\[\];]+\s+[^\s\[\];]+\s+[^\s\[\];]+\s*\]\s*(?:;|$))*\s*")
 _SPACES = bytes.maketrans(b"[];", b"   ")
 
 
@@ -44,10 +46,11 @@ def read_raw(path, frame_rate, scale, origin):
     not three numbers (`text_value`). `DataError` if the file holds fewer tracks than it announces.
     """
     account, pieces, announced, seen = Account(), [], None, set()
-    line_number = 0
+    line_number = described = 0
     for block in line_blocks(path):
-        for line in block.split(b"\n"):
+        for line in block.removesuffix(b"\n").split(b"\n"):
             line_number += 1
+            described += b"Properties.R" in line
             if total := _TOTAL.search(line):
                 announced = int(total[1])
             elif b"TRACK.R" in line:
@@ -59,9 +62,10 @@ def read_raw(path, frame_rate, scale, origin):
                     pieces.append(piece)
     if announced is None and not account.tracks_read:
         raise DataError(f"{path}: no line `TRACK.Rn=[[x y frame];...]`: is `reader: edinburgh` right for this file?")
-    if announced is not None and announced != account.tracks_read:
+    announced = described if announced is None else announced
+    if announced and announced != account.tracks_read:
         raise DataError(
-            f"{path}: announces {announced} tracks in its first lines but holds {account.tracks_read}: "
+            f"{path}: announces {announced} tracks but holds {account.tracks_read}: "
             "the file was cut off; fetch it again"
         )
     if not pieces:
@@ -81,11 +85,13 @@ def _track(path, line, number, account):
         )
     account.tracks_read += 1
     body = match[2]
-    try:
-        points = np.array(body.translate(_SPACES).split(), float).reshape(-1, 3)
-        regular = np.isfinite(points).all()
-    except ValueError:
-        regular = False
+    regular = _POINTS.fullmatch(body) is not None
+    if regular:
+        try:
+            points = np.array(body.translate(_SPACES).split(), float).reshape(-1, 3)
+            regular = bool((np.abs(points) < MAX_NUMBER).all())
+        except ValueError:
+            regular = False
     account.rows_read += len(points) if regular else 0
     if not regular:
         points = _point_by_point(body, number, account)
@@ -97,6 +103,8 @@ def _track(path, line, number, account):
     if not len(points):
         account.drop_tracks("no_usable_point", 1, 0)
         return None
+    if int(match[1]) >= 2**63:
+        raise DataError(f"{path}, line {number}: track number {int(match[1])} does not fit 64 bits")
     return int(match[1]), points
 
 
@@ -109,8 +117,12 @@ def _point_by_point(body, number, account):
             point = [float(field) for field in fields]
             if len(point) != 3:
                 account.drop_rows("wrong_column_count", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
-            elif not np.isfinite(point).all():
+            elif np.isinf(point).any():
+                account.drop_rows("infinite_value", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
+            elif np.isnan(point).any():
                 account.drop_rows("nan_value", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
+            elif max(map(abs, point)) >= MAX_NUMBER:
+                account.drop_rows("absurd_value", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
             else:
                 points.append(point)
         except ValueError:

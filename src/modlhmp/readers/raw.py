@@ -47,8 +47,10 @@ def open_raw(path):
         raise DataError(f"{file}: no such file; put the recording there or correct `data_root`") from None
     except KeyError:
         raise DataError(f"{file}: holds no member {member!r}") from None
-    except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile) as error:
-        raise DataError(f"{file}: the archive is cut off or damaged ({error}); fetch it again") from None
+    except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
+        raise DataError(
+            f"{file}: the archive is cut off or damaged, or locked ({error}); fetch it again, or unpack it"
+        ) from None
     except OSError as error:
         raise DataError(f"{file}: cannot be read ({error})") from None
 
