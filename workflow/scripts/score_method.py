@@ -5,7 +5,7 @@ import pyarrow as pa
 from modlhmp.forecasting import read_forecasts
 from modlhmp.logs import job_log
 from modlhmp.scoring import score_recording
-from modlhmp.storage import provenance, write_parquet
+from modlhmp.storage import DataError, provenance, write_parquet
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
@@ -15,6 +15,9 @@ with job_log(snakemake.log[0]) as log:
     ):
         tables.append(score_recording(read_tracks(tracks), read_forecasts(forecasts), name, snakemake.params.dataset))
     errors = pa.concat_tables(tables).unify_dictionaries()
+    if not errors.num_rows:
+        rows = snakemake.params.dataset["observed_rows"] + 1
+        raise DataError(f"{snakemake.wildcards.dataset}: no test track has {rows} rows without a gap over 5 s to score")
     log.info("%d rows of errors", errors.num_rows)
     origin = provenance(dict(snakemake.wildcards), dict(snakemake.params), snakemake.input)
     write_parquet(errors, snakemake.output[0], **origin)

@@ -28,11 +28,12 @@ def mean_shift(heading, speed, bandwidth):
     if min(np.ptp(speed), len(speed) - 1) <= 0 and np.ptp(heading) == 0:
         return np.zeros(len(heading), np.int64), np.array([[heading[0], speed[0]]])
     grid = _grid(speed, bandwidth)
+    bandwidth = np.maximum(bandwidth, [grid[1], grid[3]])  # nothing finer than the grid can be told apart
     weights, corner = _spread(heading, speed, *grid)
     shift = _shift_field(weights, bandwidth, *grid)
     start = np.argwhere(weights > 0)
-    ends = _climb(start, shift, np.array([grid[1], grid[3]]), STOP * np.asarray(bandwidth))
-    labels = _merge(ends, weights[tuple(start.T)], np.asarray(bandwidth), grid)
+    ends = _climb(start, shift, np.array([grid[1], grid[3]]), STOP * bandwidth)
+    labels = _merge(ends, weights[tuple(start.T)], bandwidth, grid)
     node_label = np.full(weights.shape, -1)
     node_label[tuple(start.T)] = labels
     return _order(node_label[tuple(corner.T)], ends, labels, weights[tuple(start.T)], grid)

@@ -117,7 +117,7 @@ def _em(heading, speed, components, max_iterations, tolerance):
     exponents = np.empty((m, 2 * WINDINGS + 1))
     statistics = np.empty((m, 6))
     before = -np.inf
-    for _ in range(max_iterations):
+    for iteration in range(max_iterations + 1):
         terms = precompute(components)
         statistics[:] = 0.0
         log_likelihood = 0.0
@@ -149,8 +149,8 @@ def _em(heading, speed, components, max_iterations, tolerance):
                         statistics[j, 3] += r * dt * dt
                         statistics[j, 4] += r * dt * dr
                         statistics[j, 5] += r * dr * dr
-        if log_likelihood - before <= tolerance * n:
-            return log_likelihood  # of the components as they stand
+        if iteration == max_iterations or log_likelihood - before <= tolerance * n:
+            break  # the log-likelihood is that of the components as they stand
         before = log_likelihood
         for j in range(m):
             s = statistics[j, 0]
@@ -164,4 +164,4 @@ def _em(heading, speed, components, max_iterations, tolerance):
             components[j, 3], components[j, 4], components[j, 5] = floor_covariance(
                 statistics[j, 3] / s - dt * dt, statistics[j, 4] / s - dt * dr, statistics[j, 5] / s - dr * dr
             )
-    return before
+    return log_likelihood

@@ -36,26 +36,31 @@ def score_recording(tracks, forecasts, recording, dataset):
             reason = np.where(scored < wanted, "left the map", "")
             if protocol == "paper":
                 reason = np.where(idle, "idle", reason)
-            constants = {"recording": recording, "output": output, "protocol": protocol}
-            columns = {
-                name: pa.array(np.full(len(ids), value)).dictionary_encode() for name, value in constants.items()
-            }
-            tables.append(
-                pa.table(
-                    {
-                        **columns,
-                        "track_id": ids,
-                        "seed": np.full(len(ids), seed, np.int32),
-                        "hour": hours.astype(np.int8),
-                        "eligible_steps": wanted.astype(np.int32),
-                        "scored_steps": scored.astype(np.int32),
-                        "why_not": pa.array(reason).dictionary_encode(),
-                        "ade": _lists(ade),
-                        "fde": _lists(fde),
-                    }
-                )
-            )
-    return pa.concat_tables(tables).unify_dictionaries() if tables else None
+            one = {"recording": recording, "output": output, "protocol": protocol}
+            tables.append(_table(one, seed, ids, hours, wanted, scored, reason, ade, fde))
+    if not tables:
+        nothing, no_errors = np.empty(0, int), np.empty((0, steps))
+        one = {"recording": recording, "output": "", "protocol": ""}
+        tables = [_table(one, 0, *[nothing] * 4, nothing.astype(str), no_errors, no_errors)]
+    return pa.concat_tables(tables).unify_dictionaries()
+
+
+def _table(one, seed, ids, hours, wanted, scored, reason, ade, fde):
+    """Rows of the errors table for one recording, output, protocol and seed."""
+    constants = {name: pa.array(np.full(len(ids), value)).dictionary_encode() for name, value in one.items()}
+    return pa.table(
+        {
+            **constants,
+            "track_id": ids,
+            "seed": np.full(len(ids), seed, np.int32),
+            "hour": hours.astype(np.int8),
+            "eligible_steps": wanted.astype(np.int32),
+            "scored_steps": scored.astype(np.int32),
+            "why_not": pa.array(reason).dictionary_encode(),
+            "ade": _lists(ade),
+            "fde": _lists(fde),
+        }
+    )
 
 
 def _lists(errors):

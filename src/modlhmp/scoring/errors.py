@@ -11,6 +11,8 @@ def ground_truth(tracks, rows, observed_rows, steps, step_s=1.0):
     """
     t0 = tracks.t[rows[:, 0] + observed_rows - 1]
     length = np.floor((tracks.t[rows[:, 1]] - t0) / step_s + 0.05).astype(np.int64)
+    if not len(rows):
+        return np.empty((0, steps, 2)), length
     wanted = np.arange(1, steps + 1)
     # One np.interp serves all tracks: their rows are laid one after the other on a common axis.
     duration = tracks.t[rows[:, 1]] - tracks.t[rows[:, 0]]
