@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from conftest import ROOT, Project
+from project import ROOT, Project
 
 from modlhmp.scoring.summary import COLUMNS
 from modlhmp.storage import read_metadata

@@ -17,8 +17,8 @@ DAY_S = 86400.0
 
 
 def orientation_bin(heading, orientations):
-    """Index of the direction i * 2 pi / orientations nearest to each heading [rad]."""
-    return np.rint(np.asarray(heading) * orientations / (2 * np.pi)).astype(np.int64) % orientations
+    """Index of the direction i * 2 pi / orientations nearest to each heading [rad]; a border belongs to the lower."""
+    return np.ceil(np.asarray(heading) * orientations / (2 * np.pi) - 0.5).astype(np.int64) % orientations
 
 
 def build(tracks, timezone, resolution_m=1.0, orientations=8, interval_s=600.0, order=2):
