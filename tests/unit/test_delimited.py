@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from modlhmp import demo
 from modlhmp.cleaning import clean_recording
-from modlhmp.readers import atc, delimited, raw, read_recording
+from modlhmp.readers import atc, columns, delimited, raw, read_recording
 from modlhmp.storage import DataError
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "px": 0.0247}
@@ -30,7 +30,7 @@ def cut(monkeypatch):
     """Function (size): from now on files are read in blocks of about `size` bytes."""
 
     def set_size(size):
-        monkeypatch.setattr(delimited, "line_blocks", partial(raw.line_blocks, size=size))
+        monkeypatch.setattr(columns, "line_blocks", partial(raw.line_blocks, size=size))
 
     return set_size
 
@@ -186,7 +186,7 @@ def test_one_sample_a_second_whatever_the_order_and_the_blocks(folder, samples, 
     rows = [(ms / 1000, person, float(n), float(x), 1.0, 0.5) for n, (person, ms, x) in enumerate(samples)]
     expected = last_of_second(rows)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(delimited, "line_blocks", partial(raw.line_blocks, size=size))
+        patch.setattr(columns, "line_blocks", partial(raw.line_blocks, size=size))
         tracks, dropped, _ = read(saved(folder, lines_of(rows)))
     assert as_rows(tracks) == [row[:5] for row in expected]
     assert set(dropped) <= ({"downsampled"} if distinct else {"downsampled", "duplicate_row"})
