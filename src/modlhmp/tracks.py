@@ -4,6 +4,7 @@ One row a person and time step, sorted by track, then time. Units: s (unix, UTC)
 """
 
 from datetime import datetime
+from functools import lru_cache
 from typing import NamedTuple
 from zoneinfo import ZoneInfo
 
@@ -79,7 +80,11 @@ def clock_hours(t, timezone):
 
 def clock_offsets(t, timezone):
     """Local time minus UTC [s] at unix times [s]; zones change theirs at full minutes."""
-    zone = ZoneInfo(timezone)
     minutes, inverse = np.unique(np.floor_divide(np.asarray(t, float), 60).astype(np.int64), return_inverse=True)
-    offsets = [datetime.fromtimestamp(60 * int(minute), zone).utcoffset().total_seconds() for minute in minutes]
+    offsets = [_offset(minute, timezone) for minute in minutes.tolist()]
     return np.array(offsets, float)[inverse.ravel()].reshape(np.shape(t))
+
+
+@lru_cache(maxsize=1 << 16)
+def _offset(minute, timezone):
+    return datetime.fromtimestamp(60 * minute, ZoneInfo(timezone)).utcoffset().total_seconds()
