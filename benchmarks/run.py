@@ -21,12 +21,15 @@ import yaml
 from modlhmp.cleaning import clean_recording
 from modlhmp.demo import RECORDINGS, write_recording
 from modlhmp.forecasting import forecast_recording, make_forecaster
-from modlhmp.maps import cliff, map_path
+from modlhmp.forecasting.base import stream_keys, uniforms
+from modlhmp.forecasting.observe import current_velocity, observe, usable_tracks
+from modlhmp.forecasting.rollout import roll_out
+from modlhmp.maps import cliff, map_path, mean_shift, swgmm
 from modlhmp.maps.stef import build as build_stef
 from modlhmp.maps.stef import evaluate, middle_of_hour
 from modlhmp.scoring import score_recording
 from modlhmp.settings import load_dataset
-from modlhmp.storage import write_parquet
+from modlhmp.storage import read_parquet, write_parquet
 from modlhmp.tracks import clock_hours
 
 ROOT = Path(__file__).parents[1]
@@ -45,6 +48,7 @@ def main():
         figures |= reading(folder)
         figures |= maps(train, dataset, folder / "maps")
         figures |= forecasts(test, dataset, folder / "maps")
+        figures |= ratios(train, test, dataset, folder / "maps")
     for name, value in figures.items():
         print(f"{name:60s} {value}")
     out = ROOT / "results/bench.json"
@@ -130,6 +134,51 @@ def forecasts(test, dataset, folder):
         score_recording(test, made, "test", dataset)
         found[f"scoring {kind}, both protocols [ms a track]"] = 1e3 * (time.perf_counter() - start) / tracks_made
     return {name: round(value, 4) for name, value in found.items()}
+
+
+def ratios(train, test, dataset, folder):
+    """How many times faster than the plain twins, on a location of 300 observations and on 10 tracks."""
+    sys.path.insert(0, str(ROOT / "tests/reference"))
+    import twins  # noqa: PLC0415 - not a package
+
+    moving = train.take(train.speed != 0)
+    _, members = cliff.neighbourhoods(moving.x, moving.y, 1.0, 1.0, 300)
+    heading, speed = moving.heading[members[0][:300]], moving.speed[members[0][:300]]
+    bandwidth = mean_shift.bandwidth_isotropic(heading, speed)
+    labels, _ = mean_shift.mean_shift(heading, speed, bandwidth)
+    start = [[np.mean(labels == j), *swgmm.moments(heading[labels == j], speed[labels == j])] for j in set(labels)]
+    found = {
+        "mean shift": (
+            seconds(mean_shift.mean_shift, heading, speed, bandwidth),
+            seconds(twins.mean_shift, heading, speed, bandwidth),
+        ),
+        "EM": (seconds(swgmm.fit, heading, speed, start), seconds(twins.em, heading, speed, np.array(start))),
+    }
+    table = read_parquet(map_path(folder, "cliff"))
+    observed = observe(test, usable_tracks(test)[:10])
+    velocity, keys = current_velocity(observed, "columns"), stream_keys(observed.track_id, 5, 0)
+    slow = twins.PlainCliff({name: table[name].to_numpy() for name in cliff.COLUMNS}, 1.0)
+    draws = np.stack([uniforms(keys.ravel(), step, 3) for step in range(60)], axis=1)
+
+    def plain():
+        for particle, track in enumerate(np.repeat(np.arange(10), 5)):
+            state = observed.x[track, -1], observed.y[track, -1], velocity[0][track], velocity[1][track]
+            twins.roll_out(slow, *state, draws[particle], 1.0, 1.0, "constant")
+
+    found["roll-out"] = seconds(roll_out, cliff.CliffMap(table), observed, velocity, 60, keys), seconds(plain)
+    return {f"{name}: times faster than the plain twin": round(slow / fast) for name, (fast, slow) in found.items()}
+
+
+def seconds(function, *arguments):
+    """Shortest of three runs, after one that compiles."""
+    times = []
+    for _ in range(4):
+        start = time.perf_counter()
+        function(*arguments)
+        times.append(time.perf_counter() - start)
+        if sum(times) > 5.0:
+            break
+    return min(times[1:] or times)
 
 
 if __name__ == "__main__":

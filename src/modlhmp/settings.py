@@ -3,6 +3,7 @@
 import difflib
 import glob
 import os
+import re
 from datetime import date
 from pathlib import Path
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
@@ -82,8 +83,20 @@ def _unknown(key, what, name, known):
     return f"configuration, {key}: no {what} named {name!r}; {hint}"
 
 
-def load_dataset(path, schema, data_root):
-    """Load a dataset file, check it, fill its defaults and resolve its recordings under `data_root`.
+def check_datasets(datasets, run):
+    """Checks between datasets: exhibits of two must not overwrite each other, nor pass for the demo's."""
+    labels = [dataset["label"] for dataset in datasets.values()]
+    if twice := {label for label in labels if labels.count(label) > 1}:
+        names = [name for name, dataset in datasets.items() if dataset["label"] in twice]
+        raise DataError(f"datasets {', '.join(names)}: their exhibits carry the same `label`; change one")
+    if run == "demo" and not all(dataset["demo"] for dataset in datasets.values()):
+        raise DataError("configuration, run: `demo` is for the demo's recordings; give your run a name of its own")
+
+
+def load_dataset(path, schema, data_root, demo_root=None):
+    """Load a dataset file, check it, fill its defaults and resolve its recordings.
+
+    They lie under `data_root`, generated ones under `demo_root` where that is given.
 
     Each of the returned `recordings` has `name`, `path`, `stored` (the file on disk: `path`, or the archive that it
     leads into) and `member` of it, `file` (`stored` under `data_root`), `exists`, `day`, `start` and `split`.
@@ -91,7 +104,7 @@ def load_dataset(path, schema, data_root):
     """
     try:
         listed = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: also a date that does not exist
         raise DataError(f"{path}: not valid YAML in UTF-8 ({error})") from None
     if not isinstance(listed, dict):
         raise DataError(f"{path}: a dataset file is a mapping of keys, see config/README.md")
@@ -99,6 +112,7 @@ def load_dataset(path, schema, data_root):
     check(listed, schema, path)
     dataset = {"label": Path(path).stem, **DATASET_DEFAULTS, **listed, "name": Path(path).stem}
     _check_dataset(path, dataset)
+    data_root = demo_root if dataset["demo"] and demo_root else data_root
     dataset["recordings"] = [
         found for entry in dataset["recordings"] for found in _resolve(path, entry, dataset, data_root)
     ]
@@ -135,6 +149,15 @@ def _check_dataset(path, dataset):
     first, last = dataset["hours"]
     if first >= last:
         raise DataError(f"{path}: hours [{first}, {last}] are empty; say [first, one after the last]")
+    if "figure_hours" not in dataset:
+        dataset["figure_hours"] = sorted({first, (first + last - 1) // 2, last - 1})
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", dataset["label"]):
+        raise DataError(f"{path}: name the file with letters, digits, _ and - only, or give it a `label` of these")
+    no_clock = dataset["reader"].startswith("edinburgh") or units.get("time") == "frame"
+    if no_clock and not all(entry.get("start") for entry in dataset["recordings"]):
+        raise DataError(
+            f'{path}: the files have no clock; every entry of `recordings` needs a `start`, such as "09:00"'
+        )
     steps = dataset["horizon_s"] / dataset["time_step_s"]
     if abs(steps - round(steps)) > 1e-9 or steps < 1:
         raise DataError(

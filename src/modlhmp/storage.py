@@ -75,19 +75,23 @@ def file_sha256(path):
 def provenance(wildcards, params, inputs):
     """Where a result comes from: dataset and other wildcards, hash of the settings, code version, source files.
 
-    `inputs` are the files it was made of: a raw file is hashed, a Parquet file hands on the sources it carries.
+    `inputs` are the files it was made of: a raw file is hashed, a Parquet file hands on the sources it carries, and
+    its settings and code go into the hash of the result's.
     """
     settings = {key: value for key, value in params.items() if key != "code"}
-    sources = {}
+    sources, upstream = {}, set()
     for path in map(Path, inputs):
         for file in sorted(path.glob("*.parquet")) if path.is_dir() else [path]:
             if file.suffix == ".parquet":
-                sources.update(read_metadata(file).get("sources", {}))
+                origin = read_metadata(file)
+                sources.update(origin.get("sources", {}))
+                upstream.add((str(origin.get("settings")), str(origin.get("code"))))
             elif file.is_file():
                 sources[file.name] = file_sha256(file)
+    described = json.dumps([settings, sorted(upstream)], sort_keys=True, default=str)
     return {
         **wildcards,
-        "settings": hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode()).hexdigest()[:12],
+        "settings": hashlib.sha256(described.encode()).hexdigest()[:12],
         "code": params.get("code"),
         "seed": params.get("seeds"),
         "sources": sources,

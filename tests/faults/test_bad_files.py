@@ -314,7 +314,7 @@ def test_a_header_where_none_is_expected(write, form):
 
 
 def test_no_header_where_one_is_expected(write):
-    refused(write(GOOD["positions"]), "named", "row 1", "no column 'time'")
+    refused(write(GOOD["positions"]), "named", "row 1", "only numbers", "header: true")
 
 
 @pytest.mark.parametrize("form", TABLES)

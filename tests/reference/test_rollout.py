@@ -533,3 +533,16 @@ def test_observe_takes_the_first_rows_only():
     np.testing.assert_array_equal(got.track_id, observed.track_id)
     for one, other in zip(got[1:], observed[1:], strict=True):
         np.testing.assert_allclose(one, other, atol=1e-6)
+
+
+@pytest.mark.parametrize("source", ["columns", "differences"])
+def test_current_velocity_does_not_depend_on_the_other_tracks(source):
+    rng = np.random.default_rng(3)
+    n = 500
+    t = np.arange(4.0) + np.zeros((n, 1))
+    x, y = rng.normal(0, 1, (2, n, 4))
+    observed = Observed(np.arange(n), t, x, y, rng.uniform(0, 2, (n, 4)), rng.uniform(-np.pi, np.pi, (n, 4)))
+    together = current_velocity(observed, source)
+    for one in range(0, n, 7):
+        alone = current_velocity(Observed(*(column[one : one + 1] for column in observed)), source)
+        assert [part[0] for part in alone] == [part[one] for part in together]

@@ -17,7 +17,7 @@ from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.scoring import score_recording
 from modlhmp.scoring.errors import displacement_errors, ground_truth, is_idle
 from modlhmp.scoring.protocols import PROTOCOLS, score
-from modlhmp.scoring.summary import Errors, main_output, read_errors, summarise
+from modlhmp.scoring.summary import Errors, main_output, read_errors, scored_horizons, summarise
 from modlhmp.scoring.ttests import compare, holm, paired_test
 from modlhmp.storage import read_metadata, write_parquet
 from modlhmp.tracks import Tracks, concatenate, empty_tracks
@@ -270,10 +270,10 @@ def test_recording_is_scored_track_by_track():
         np.testing.assert_allclose(np.column_stack([line.ade, line.fde]), expected, rtol=1e-5, atol=1e-6)
         assert line.eligible_steps == min(eligible, STEPS)
         assert line.scored_steps == np.isfinite(np.array(expected)[:, 0]).sum()
-        reason = "left the map" if line.scored_steps < line.eligible_steps else ""
+        reason = "no dynamics" if line.scored_steps < line.eligible_steps else ""
         assert line.why_not == ("idle" if idle and line.protocol == "paper" else reason)
         seen.add(line.why_not)
-    assert seen == {"", "idle", "left the map"}
+    assert seen == {"", "idle", "no dynamics"}
 
 
 def test_every_eligible_track_is_scored_in_the_complete_protocol():
@@ -529,9 +529,15 @@ def test_compare_equals_the_loop():
 
 
 def test_main_output_is_ranked_before_mean_before_single():
-    assert main_output(made_up_errors(1, [1], ("mean", "ranked"), 0)) == "ranked"
-    assert main_output(made_up_errors(1, [1], ("mean",), 0)) == "mean"
-    assert main_output(made_up_errors(1, [1], ("single",), 0)) == "single"
+    assert main_output({"mean", "ranked"}) == "ranked"
+    assert main_output({"mean", "median"}) == "median"
+    assert main_output({"mean"}) == "mean"
+    assert main_output({"single"}) == "single"
+
+
+def test_only_whole_steps_up_to_the_longest_horizon_are_scored():
+    dataset = {"time_step_s": 0.4, "horizon_s": 8.0}
+    assert scored_horizons([0.3, 1, 2, 4, 5, 8, 60], dataset) == [2, 4, 8]
 
 
 # --- forecasts files ----------------------------------------------------------------------------------------

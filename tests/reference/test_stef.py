@@ -380,3 +380,10 @@ def test_planted_change_from_morning_to_evening_is_visible(hall, place):
             shares[when].append(share_towards(hall, hour, main.x, main.y, main.heading))
     assert np.mean(shares["morning"]) > 0.65
     assert np.mean(shares["evening"]) < 0.45
+
+
+def test_a_position_far_away_is_named_instead_of_filling_the_memory():
+    certain = pa.array([[1.0], [1.0]], pa.list_(pa.float64(), 1))
+    table = pa.table({"x": [0.5, 3000.5], "y": [0.5, 3000.5], "probabilities": certain})
+    with pytest.raises(DataError, match="far away"):
+        stef.StefMap(table.replace_schema_metadata({"resolution": "1.0", "orientations": "1"}))

@@ -76,11 +76,13 @@ def test_every_shipped_configuration_plans(project, overlay):
         ("comparisons=[[cliff, lstm]]", "no method named 'lstm'"),
         ("datasets=[demo_hall, demo_hall]", "non-unique"),
         ("seeds=[0]", "belong in a file"),
+        ("datasets=[atc_1day]", "give your run a name of its own"),
+        ("run=two;datasets=[atc, atc_1day]", "carry the same `label`"),
     ],
 )
 def test_a_wrong_setting_stops_with_its_name(project, setting, message):
     """No typo passes silently."""
-    output = project.snakemake("-n", "--config", setting, fails=True)
+    output = project.snakemake("-n", "--config", *setting.split(";"), fails=True)
     assert message in output
     assert "Traceback" not in output
 
@@ -119,6 +121,42 @@ def test_a_recording_of_one_s_own(own):
     table = (own.folder / "paper_figures/own/tab_expres.md").read_text()
     assert "– / – (n 0/0)" in table
     assert "hour 11 is skipped" in (own.folder / "results/own/logs/build_tc_cliff/own.log").read_text()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ("hours: [9, 12", "not valid YAML"),
+        ("- a list", "is a mapping of keys"),
+        (OWN_DATASET.replace("2031-03-03", "2031-02-30"), "not valid YAML"),
+        (OWN_DATASET.replace('start: "09:30", ', "").replace("time: ms", "time: frame") + "frame_rate: 9", "needs a `start`"),
+    ],
+)
+def test_a_broken_dataset_file_is_named(own, wrong, message):
+    """No traceback, whatever is wrong with it."""
+    (own.folder / "config/datasets/own.yaml").write_text(wrong)
+    output = own.snakemake("-n", *OWN, fails=True)
+    assert "own.yaml" in output
+    assert message in output
+    assert "Traceback" not in output
+
+
+def test_a_file_put_there_during_the_run_is_kept(project):
+    """Snakemake removes outputs before it makes them; a recording of the user's is not one."""
+    sources = [{"url": "http://127.0.0.1:9/never", "file": "tuesday.csv"}]
+    (project.folder / "config/datasets/own.yaml").write_text(f"{OWN_DATASET}\nsources: {json.dumps(sources)}\n")
+    rule = project.folder / "workflow/scripts/fetch_recording.py"
+    # A user who is quicker than the job: the file appears after planning, before the script looks.
+    rule.write_text(
+        "from pathlib import Path\n"
+        "for path in (Path('recordings/tuesday.csv'), Path('recordings/monday.csv')):\n"
+        "    path.parent.mkdir(exist_ok=True)\n"
+        "    path.exists() or path.write_text('time;person;x;y\\n')\n" + rule.read_text()
+    )
+    (project.folder / "own.yaml").write_text("run: own\ndatasets: [own]\ndata_root: recordings\nseeds: [0]\n")
+    project.snakemake(*OWN, "--", "recordings/monday.csv", "recordings/tuesday.csv")
+    assert (project.folder / "recordings/monday.csv").read_text() == "time;person;x;y\n"
+    assert (project.folder / "recordings/tuesday.csv").read_text() == "time;person;x;y\n"
 
 
 def test_a_bad_recording_ends_with_a_message(own):

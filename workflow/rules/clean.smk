@@ -20,9 +20,10 @@ rule clean_recording:
         mem_mb=1000,
         runtime=30,
     params:
-        dataset=lambda wildcards: settings_of(wildcards.dataset),
+        dataset=lambda wildcards: settings_of(wildcards.dataset, CLEANING_KEYS),
         recording=lambda wildcards: {
-            key: recording(wildcards)[key] for key in ("file", "member", "day", "start", "split")
+            key: recording(wildcards)[key]
+            for key in ("file", "member", "day", "start", "split")
         },
         sources=lambda wildcards: DATASETS[wildcards.dataset]["sources"],
         sums="resources/SHA256SUMS",

@@ -11,8 +11,8 @@ from pathlib import Path
 import yaml
 from snakemake.exceptions import WorkflowError
 
-from modlhmp.maps import HOURLY, KINDS as MAP_KINDS, map_path
-from modlhmp.settings import check, check_config, load_dataset
+from modlhmp.maps import KINDS as MAP_KINDS, map_path
+from modlhmp.settings import check, check_config, check_datasets, load_dataset
 from modlhmp.storage import DataError
 
 ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parents[1]
@@ -27,23 +27,31 @@ def load_schema(name):
 try:
     check(config, load_schema("config"), "configuration")
     check_config(config, ROOT / "config/datasets")
-    DATA_ROOT = Path(os.environ.get("MODLHMP_DATA") or config["data_root"])
-    DATASETS = {}
-    for name in config["datasets"]:
-        file = ROOT / "config/datasets" / f"{name}.yaml"
-        listed = yaml.safe_load(file.read_text()) or {}
-        # Demo recordings are generated into the project, whatever MODLHMP_DATA says.
-        root = Path(f"resources/demo/{config['run']}") if listed.get("demo") else DATA_ROOT
-        DATASETS[name] = load_dataset(file, load_schema("dataset"), root)
+    DATASETS = {
+        name: load_dataset(
+            ROOT / "config/datasets" / f"{name}.yaml",
+            load_schema("dataset"),
+            os.environ.get("MODLHMP_DATA") or config["data_root"],
+            demo_root=f"resources/demo/{config['run']}",
+        )
+        for name in config["datasets"]
+    }
+    check_datasets(DATASETS, config["run"])
 except DataError as error:
     raise WorkflowError(f"\n{error}") from None
 
 RUN = config["run"]
 EXHIBITS = f"paper_figures/{RUN}"
+TITLES = {name: config["methods"][name]["title"] for name in config["compare"]}
 METHODS = {
     name: {
-        **config["methods"][name],
-        "options": {**config["rollout"], **config["methods"][name].get("options", {})},
+        "kind": config["methods"][name]["kind"],
+        # Only a map's method reads the roll-out options.
+        "options": (
+            {**config["rollout"], **config["methods"][name].get("options", {})}
+            if config["methods"][name]["kind"] in MAP_KINDS
+            else {}
+        ),
     }
     for name in config["compare"]
 }
@@ -53,7 +61,7 @@ wildcard_constraints:
     dataset="|".join(DATASETS),
     method="|".join(METHODS),
     recording="[^/]+",
-    label="[a-z0-9_-]+",
+    label="[A-Za-z0-9_-]+",
 
 
 def code_version(*modules):
@@ -71,12 +79,30 @@ def code_version(*modules):
     return digest.hexdigest()[:12]
 
 
-def settings_of(dataset):
-    """A dataset's settings without its recordings: what a rule's result depends on."""
+# The keys of a dataset file that decide a stage's result; the others only name and draw.
+CLEANING_KEYS = (
+    *(
+        "reader",
+        "timezone",
+        "time_step_s",
+        "cleaning",
+        "frame_rate",
+        "row_stride",
+        "scale",
+    ),
+    *("columns", "header", "separator", "units"),
+)
+FORECAST_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity")
+SCORE_KEYS = (*FORECAST_KEYS, "paper_protocol")
+
+
+def settings_of(dataset, keys=None):
+    """A dataset's settings for these keys, or all but the lists of files: what a rule's result depends on."""
+    settings = DATASETS[dataset]
     return {
-        key: value
-        for key, value in DATASETS[dataset].items()
-        if key not in {"recordings", "sources"}
+        key: settings[key]
+        for key in keys or sorted(settings.keys() - {"recordings", "sources"})
+        if key in settings
     }
 
 

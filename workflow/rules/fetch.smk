@@ -39,7 +39,7 @@ rule make_demo_recording:
 rule fetch_recording:
     """Download a recording that its dataset file lists, or say where a person gets it."""
     output:
-        "{missing}",
+        update("{missing}"),  # a file that is put there meanwhile stays
     log:
         f"results/{RUN}/logs/fetch_recording/{{missing}}.log",
     wildcard_constraints:
@@ -53,6 +53,11 @@ rule fetch_recording:
             key: DATASETS[MISSING[wildcards.missing][0]].get(key)
             for key in ("title", "owner_page", "sources")
         },
+        missing=lambda wildcards: sorted(
+            file
+            for name, file in MISSING.values()
+            if name == MISSING[wildcards.missing][0]
+        ),
         sums="resources/SHA256SUMS",
     message:
         "Fetch {wildcards.missing}"

@@ -21,7 +21,7 @@ rule forecast_recording:
         runtime=60,
     params:
         method=lambda wildcards: METHODS[wildcards.method],
-        dataset=lambda wildcards: settings_of(wildcards.dataset),
+        dataset=lambda wildcards: settings_of(wildcards.dataset, FORECAST_KEYS),
         seeds=config["seeds"],
         code=code_version("modlhmp.forecasting", "modlhmp.maps", "modlhmp.tracks"),
     message:

@@ -4,7 +4,6 @@
 # OUTPUTS  paper_figures/{run}/<label>.{csv,tex,md} for tables, .{pdf,png,csv} for figures
 # STEPS    table_parameters, table_results, table_ttests, figure_horizon_errors, figure_ranking, figure_hourly_maps;
 #          tables, figures collect them
-TITLES = {name: method["title"] for name, method in METHODS.items()}
 SETTINGS = [settings_of(name) for name in DATASETS]
 PAPER_STYLE = ("modlhmp.paper.style", "modlhmp.paper.selection")
 

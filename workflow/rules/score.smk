@@ -23,7 +23,7 @@ rule score_method:
         mem_mb=1500,
         runtime=30,
     params:
-        dataset=lambda wildcards: settings_of(wildcards.dataset),
+        dataset=lambda wildcards: settings_of(wildcards.dataset, SCORE_KEYS),
         recordings=lambda wildcards: [
             r["name"] for r in recordings(wildcards.dataset, "test")
         ],
@@ -47,11 +47,15 @@ rule compare_methods:
         f"results/{RUN}/{{dataset}}/ttests.parquet",
     log:
         f"results/{RUN}/logs/compare_methods/{{dataset}}.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/compare_methods/{{dataset}}.tsv"
     resources:
         mem_mb=1500,
         runtime=30,
     params:
-        dataset=lambda wildcards: settings_of(wildcards.dataset),
+        dataset=lambda wildcards: settings_of(
+            wildcards.dataset, ("name", "time_step_s", "horizon_s")
+        ),
         pairs=[pair for pair in config["comparisons"] if set(pair) <= set(METHODS)],
         horizons=config["tables"]["horizons_s"],
         code=code_version("modlhmp.scoring"),
@@ -73,6 +77,8 @@ rule summarise_results:
         f"{EXHIBITS}/results.csv",
     log:
         f"results/{RUN}/logs/summarise_results.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/summarise_results.tsv"
     resources:
         mem_mb=1500,
         runtime=30,

@@ -5,14 +5,14 @@ from pathlib import Path
 import pyarrow as pa
 
 from modlhmp.logs import job_log
-from modlhmp.scoring.summary import read_errors
+from modlhmp.scoring.summary import read_errors, scored_horizons
 from modlhmp.scoring.ttests import compare
 from modlhmp.storage import provenance, write_parquet
 
 with job_log(snakemake.log[0]) as log:
     dataset = snakemake.params.dataset
     errors = {Path(file).stem: read_errors(file) for file in snakemake.input}
-    horizons = [h for h in snakemake.params.horizons if h <= dataset["horizon_s"]]
+    horizons = scored_horizons(snakemake.params.horizons, dataset)
     tests = compare(dataset["name"], errors, snakemake.params.pairs, horizons, dataset["time_step_s"])
     log.info("%d tests", len(tests))
     origin = provenance(dict(snakemake.wildcards), dict(snakemake.params), snakemake.input)

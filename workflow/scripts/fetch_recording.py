@@ -1,12 +1,18 @@
 """Rule fetch_recording."""
 
+from pathlib import Path
+
 from modlhmp.fetch import fetch, missing_message
 from modlhmp.logs import job_log
 from modlhmp.storage import DataError
 
-with job_log(snakemake.log[0]):
+with job_log(snakemake.log[0]) as log:
     dataset, file, path = snakemake.params.dataset, snakemake.params.file, snakemake.output[0]
     source = next((source for source in dataset["sources"] if source["file"] == file), None)
-    if source is None:
-        raise DataError(missing_message(file, path, dataset["owner_page"], dataset["title"]))
-    fetch(source["url"], path, source.get("sha256"), snakemake.params.sums, name=file)
+    if Path(path).exists():
+        log.info("%s has been put there meanwhile", path)
+    elif source is None:
+        message = missing_message(file, path, dataset["owner_page"] or "not listed", dataset["title"])
+        raise DataError(f"{message}\nMissing of this dataset: {', '.join(snakemake.params.missing)}")
+    else:
+        fetch(source["url"], path, source.get("sha256"), snakemake.params.sums, name=file)

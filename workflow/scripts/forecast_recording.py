@@ -13,7 +13,7 @@ with job_log(snakemake.log[0]):
         forecaster,
         dataset,
         (names.dataset, names.method, names.recording),
-        method["options"]["k"],
+        method["options"].get("k", 1),
         snakemake.params.seeds,
     )
     origin = provenance(dict(names), dict(snakemake.params), snakemake.input)

@@ -11,8 +11,6 @@ from modlhmp.forecasting.observe import current_velocity, observe, usable_tracks
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.storage import atomic_path, provenance_metadata, read_metadata
 
-KINDS = (*maps.KINDS, "cvm")
-
 
 def make_forecaster(kind, options, dataset, map_path):
     """The forecaster of a method: a function (observed, steps, keys) -> Forecast (contract: `forecasting.base`)."""

@@ -2,10 +2,10 @@
 
 A forecaster is a function or object called as
 
-    forecast(observed, steps, k, keys) -> Forecast
+    forecast(observed, steps, keys) -> Forecast
 
-with `observed` an `observe.Observed` of n tracks, `steps` the number of time steps to the longest horizon, `k` the
-number of futures a track, and `keys` [n, k] the random streams (`stream_keys`). It never learns how long a track is.
+with `observed` an `observe.Observed` of n tracks, `steps` the number of time steps to the longest horizon, and `keys`
+[n, k] the random streams of the k futures (`stream_keys`). It never learns how long a track is.
 """
 
 import hashlib

@@ -59,4 +59,6 @@ def current_velocity(observed, source):
         dx, dy, dt = (np.diff(column, axis=1)[:, ::-1] for column in (observed.x, observed.y, observed.t))
         speed, heading = np.hypot(dx, dy) / dt, np.arctan2(dy, dx)
     weights = kernel_weights(speed.shape[1])
-    return speed @ weights, np.arctan2(np.sin(heading) @ weights, np.cos(heading) @ weights)
+    # Sums by row, not a matrix product: that one's last bit depends on how many tracks there are.
+    sine, cosine = ((weights * part(heading)).sum(axis=1) for part in (np.sin, np.cos))
+    return (weights * speed).sum(axis=1), np.arctan2(sine, cosine)

@@ -1,4 +1,7 @@
-"""Maps of dynamics: built by their modules, loaded here by kind. A new map is a module and a line in `HOURLY`."""
+"""Maps of dynamics: built by their modules, loaded here by kind.
+
+A new map is a module with a class like these (contract: `maps.base`), a line in `KINDS`, and a rule that builds it.
+"""
 
 from pathlib import Path
 
@@ -6,19 +9,20 @@ from modlhmp.maps.base import HourlyMod
 from modlhmp.maps.cliff import CliffMap
 from modlhmp.maps.stef import StefMap
 
-# Maps with one file a clock hour, in a folder of their kind's name.
-HOURLY = {"tc_cliff": CliffMap, "stef": StefMap}
-KINDS = ("cliff", *HOURLY)
+# kind: class, and whether there is one map a clock hour, each a file of a folder of the kind's name
+KINDS = {"cliff": (CliffMap, False), "tc_cliff": (CliffMap, True), "stef": (StefMap, True)}
 
 
 def map_path(folder, kind):
     """Where the files of a kind of map lie under a dataset's `maps` folder."""
-    return Path(folder) / (kind if kind in HOURLY else f"{kind}.parquet")
+    hourly = KINDS[kind][1]
+    return Path(folder) / (kind if hourly else f"{kind}.parquet")
 
 
 def load_map(kind, path, timezone, sampling_radius):
     """Load the map of a kind from its file or folder of hours, ready for the roll-out."""
-    if kind not in HOURLY:
-        return CliffMap.load(path, sampling_radius)
+    mod, hourly = KINDS[kind]
+    if not hourly:
+        return mod.load(path, sampling_radius)
     files = sorted(Path(path).glob("*.parquet"))
-    return HourlyMod({int(file.stem): HOURLY[kind].load(file, sampling_radius) for file in files}, timezone)
+    return HourlyMod({int(file.stem): mod.load(file, sampling_radius) for file in files}, timezone)

@@ -1,18 +1,21 @@
 """What a map of dynamics (MoD) offers to the roll-out.
 
-A MoD is an object with one method,
+A MoD is an object with an attribute `draws`, how many random numbers a sample takes, and one method,
 
     sample(x, y, speed, heading, t, uniforms) -> (speed, heading, log_fitness, found)
 
 vectorised over particles: `x`, `y` [m], `speed` [m/s], `heading` [rad] and `t` [unix s] are arrays of shape [n],
-`uniforms` is [n, draws] in (0, 1) with `draws` = the map's attribute of that name. It returns the velocity sampled
+`uniforms` is [n, draws] in (0, 1). It returns the velocity sampled
 from the map at each position, the log of its fitness for ranking, and whether the map has dynamics there.
 Nothing else of a map is known to the rest of the workflow.
 """
 
 import numpy as np
 
+from modlhmp.storage import DataError
 from modlhmp.tracks import clock_hours
+
+MAX_LATTICE = 1 << 22  # nodes of a map's bounding box: 2 km x 2 km at 1 m
 
 
 class HourlyMod:
@@ -39,6 +42,11 @@ class HourlyMod:
 
 def lattice_index(i, j, origin, shape):
     """Dense lookup [shape] of lattice nodes (i, j): row of the node's entry, -1 where there is none."""
+    if np.prod(np.asarray(shape, float)) > MAX_LATTICE:
+        raise DataError(
+            f"a map of {len(i)} locations spans {shape[0]} x {shape[1]} of them: some recorded positions are far away; "
+            "look for them in the clean tracks, and at the units and `scale` of the dataset file"
+        )
     index = np.full(shape, -1, np.int64)
     index[i - origin[0], j - origin[1]] = np.arange(len(i))
     return index

@@ -3,7 +3,7 @@
 import numpy as np
 
 from modlhmp.paper import style
-from modlhmp.paper.selection import main_rows
+from modlhmp.paper.selection import main_rows, scored_of
 
 TITLES = {"paper": "paper protocol", "complete": "complete protocol"}
 
@@ -51,4 +51,4 @@ def _curve(ax, rows, metric, look):
 
 def _counts(rows, method):
     last = rows[(rows["method"] == method) & (rows["horizon_s"] == rows["horizon_s"].max())].set_index("protocol")
-    return ", ".join(f"{last.loc[p, 'n']:.4g}/{last.loc[p, 'eligible']:.0f}" for p in TITLES if p in last.index)
+    return ", ".join(scored_of(last.loc[protocol]) for protocol in TITLES if protocol in last.index)

@@ -1,6 +1,7 @@
 """Figure rank-metrics: ADE of TC-CLiFF with ranking (most likely future) and without (mean of the k)."""
 
 from modlhmp.paper import style
+from modlhmp.paper.selection import scored_of
 
 LINES = {"ranked": ("with ranking", 0), "mean": ("without (mean of k)", 1)}
 
@@ -22,7 +23,7 @@ def draw(results, datasets, method, stem):
                 look = style.method_style(position)
                 ax.plot(curve["horizon_s"], curve["ade_m"], label=label, markevery=(every - 1, every), **look)
             last = one.sort_values("horizon_s").iloc[-1]
-            counts = f"n {last['n']:.4g}/{last['eligible']:.0f} at {last['horizon_s']:g} s"
+            counts = f"n {scored_of(last)} at {last['horizon_s']:g} s"
             head = f"{dataset['title']}\n" if line == 0 else ""
             ax.set_title(f"{head}{protocol} protocol\n{counts}")
             ax.set_ylim(bottom=0)

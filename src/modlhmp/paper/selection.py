@@ -1,10 +1,14 @@
-"""Picking rows of `results.csv`."""
+"""Picking and printing rows of `results.csv`."""
 
-_RANK = {"ranked": 0, "median": 1, "mean": 2, "single": 3}
+from modlhmp.scoring.summary import main_output
 
 
 def main_rows(results):
-    """Rows of each method's main output: ranked where there is one, then median, mean, single."""
-    rank = results["output"].map(_RANK)
-    best = rank.groupby([results["dataset"], results["method"]]).transform("min")
-    return results[rank == best]
+    """Rows of each method's main output."""
+    main = results.groupby(["dataset", "method"])["output"].transform(lambda outputs: main_output(set(outputs)))
+    return results[results["output"] == main]
+
+
+def scored_of(row):
+    """`n/eligible` of a row; n is a mean over seeds, so it may have a decimal."""
+    return f"{row['n']:.1f}".removesuffix(".0") + f"/{row['eligible']:.0f}"

@@ -3,10 +3,12 @@
 import numpy as np
 import pandas as pd
 
-from modlhmp.paper.selection import main_rows
+from modlhmp.paper.selection import main_rows, scored_of
+from modlhmp.scoring.summary import scored_horizons
 from modlhmp.storage import write_text
 
-# ADE / FDE [m] of the paper's results table, at 60 s (ATC) and 20 s (Edinburgh).
+# ADE / FDE [m] of the paper's results table, and the horizons [s] that they are at.
+PUBLISHED_AT = {"atc": 60, "edinburgh": 20}
 PUBLISHED = {
     "atc": {
         "tc_cliff": (5.332, 11.215), "cliff": (5.557, 11.736), "stef": (6.026, 12.633),
@@ -56,7 +58,7 @@ def write_results(results, datasets, methods, horizons, stem):
         for protocol in ("paper", "complete"):
             head = f"{dataset['title']}, {dataset['horizon_s']:g} s, {protocol} protocol"
             main = main.join(_cells(rows, methods, protocol, dataset["horizon_s"], head))
-        if dataset["paper_results"]:
+        if dataset["paper_results"] and PUBLISHED_AT[dataset["paper_results"]] == dataset["horizon_s"]:
             published = PUBLISHED[dataset["paper_results"]]
             cells = ["{:.3f} / {:.3f}".format(*published[m]) if m in published else "–" for m in methods]
             main[f"the paper, {dataset['horizon_s']:g} s (another experiment, see docs/results.md)"] = cells
@@ -67,7 +69,7 @@ def write_results(results, datasets, methods, horizons, stem):
         rows = results[results["dataset"] == dataset["name"]]
         for protocol in ("paper", "complete"):
             table = pd.DataFrame({"method": list(methods.values())})
-            for horizon in (h for h in horizons if h <= dataset["horizon_s"]):
+            for horizon in scored_horizons(horizons, dataset):
                 table = table.join(_cells(rows, methods, protocol, horizon, f"{horizon:g} s"))
             text += [f"{dataset['title']}, {protocol} protocol", "", _markdown(table), ""]
     with open(f"{stem}.md", "a", encoding="utf-8") as file:
@@ -109,7 +111,7 @@ def _count(row):
     if not np.isfinite(row["n"]):
         return "not run"
     share = f", {100 * row['n'] / row['eligible']:.0f} %" if row["eligible"] else ""
-    return f"n {row['n']:.5g}/{row['eligible']:.0f}{share}"
+    return f"n {scored_of(row)}{share}"
 
 
 def _bold(value, bold):

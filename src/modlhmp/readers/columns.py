@@ -96,6 +96,10 @@ def _look_at_start(path, layout, block):
             f"{path}, row 1: {first.decode(errors='replace')[:80]!r} is a header where numbers are expected; "
             "remove that line, or use `reader: delimited` with `header: true`"
         )
+    if header and all(_is_number(name) for name in names):
+        raise DataError(
+            f"{path}, row 1: only numbers, but `header: true` says that it names the columns; drop that key"
+        )
     if layout.get("width") and len(names) != layout["width"]:
         raise DataError(
             f"{path}, row 1: {len(names)} columns, but this format has {layout['width']}: is `reader` right?"
@@ -121,28 +125,25 @@ def _finish(form, block, parsed, rows_before, account):
     """Columns of a block, its irregular lines read one by one, rows in the file's order."""
     values, ends, regular = parsed
     account.rows_read += len(ends)
-    rows = rows_before + 1 + np.flatnonzero(regular)
+    readable = regular
     if not regular.all():
-        starts = np.concatenate([[0], ends[:-1] + 1])
-        others = {}
+        starts, readable = np.concatenate([[0], ends[:-1] + 1]), regular.copy()
+        every = np.empty((len(form.fields), len(ends)))
+        every[:, regular] = values
         for line in np.flatnonzero(~regular):
-            row = rows_before + 1 + line
             text = block[starts[line] : ends[line]].decode("utf-8", "replace")
-            numbers = _one_row(form, text, row, account)
+            numbers = _one_row(form, text, rows_before + 1 + line, account)
             if numbers is not None:
-                others[row] = numbers
-        rows = np.concatenate([rows, np.array(list(others), np.int64)])
-        values = np.concatenate([values, np.array(list(others.values())).reshape(-1, len(form.fields)).T], axis=1)
-        order = np.argsort(rows)
-        rows, values = rows[order], values[:, order]
+                every[:, line], readable[line] = numbers, True
+        values = every[:, readable]
+    rows = rows_before + 1 + np.flatnonzero(readable)
     return _with_track_ids({**dict(zip(form.fields, values, strict=True)), "row": rows}, account)
 
 
 def _with_track_ids(columns, account):
     """The rows that have a whole number as id: a row without belongs to nobody."""
     ids = columns["track_id"]
-    whole = np.isfinite(ids) & (np.abs(ids) < 2**53)
-    whole[whole] = ids[whole] % 1 == 0
+    whole = (np.abs(ids) < 2**53) & (ids == np.rint(ids))
     if not whole.all():
         row = np.argmin(whole)
         account.drop_rows("no_track_id", (~whole).sum(), f"row {columns['row'][row]}: track id {ids[row]}")

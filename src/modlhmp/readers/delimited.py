@@ -13,6 +13,7 @@ from modlhmp.tracks import Tracks, concatenate, wrap_angle
 
 MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fault, not a walking person
 MAX_SPEED_MPS = 15.0
+MAX_HEADING_RAD = 100.0
 _LENGTH_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _SECONDS = {"s": 1.0, "ms": 0.001}
 FIELDS = ("track_id", "t", "x", "y", "speed", "heading")
@@ -90,9 +91,10 @@ def _drop_bad_rows(rows, numbers, has_velocity, day, account):
     with np.errstate(invalid="ignore"):
         tests = {
             "infinite_value": np.logical_or.reduce([np.isinf(column) for column in measured]),
-            "nan_value": np.logical_or.reduce([np.isnan(column) for column in measured]) | np.isnan(numbers),
+            "nan_value": np.logical_or.reduce([np.isnan(column) for column in measured]),
             "no_person": rows.track_id < 0,
-            "absurd_value": (np.hypot(rows.x, rows.y) > MAX_DISTANCE_M) | (speed < 0) | (speed > MAX_SPEED_MPS),
+            "absurd_value": (np.hypot(rows.x, rows.y) > MAX_DISTANCE_M) | (speed < 0) | (speed > MAX_SPEED_MPS)
+            | (np.abs(np.nan_to_num(rows.heading)) > MAX_HEADING_RAD),
             "outside_day": (rows.t < first) | (rows.t >= last),
         }  # fmt: skip
     good = np.ones(len(rows.t), bool)

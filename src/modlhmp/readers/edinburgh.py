@@ -9,7 +9,7 @@ import re
 import numpy as np
 
 from modlhmp.readers.account import Account
-from modlhmp.readers.delimited import read_delimited
+from modlhmp.readers.delimited import MAX_DISTANCE_M, read_delimited
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks, concatenate
@@ -19,7 +19,7 @@ ROWS_LAYOUT = {
     "width": 4,
     "units": {"length": "px", "time": "frame"},
 }
-MAX_NUMBER = 1e7  # more pixels or frames (twelve days' worth) than any recording has
+MAX_FRAME = 1e7  # twelve days' worth
 _TRACK = re.compile(rb"\s*TRACK\.R(\d+)\s*=\s*\[(.*)\]\s*;?\s*$")
 _TOTAL = re.compile(rb"Total number of trajectories in file are\s+(\d+)")
 _POINTS = re.compile(rb"(?:\s*\[\s*[^\s\[\];]+\s+[^\s\[\];]+\s+[^\s\[\];]+\s*\]\s*(?:;|$))*\s*")
@@ -47,6 +47,7 @@ def read_raw(path, frame_rate, scale, origin):
     """
     account, pieces, announced, seen = Account(), [], None, set()
     line_number = described = 0
+    limits = np.array([MAX_DISTANCE_M / scale, MAX_DISTANCE_M / scale, MAX_FRAME])
     for block in line_blocks(path):
         for line in block.removesuffix(b"\n").split(b"\n"):
             line_number += 1
@@ -54,7 +55,7 @@ def read_raw(path, frame_rate, scale, origin):
             if total := _TOTAL.search(line):
                 announced = int(total[1])
             elif b"TRACK.R" in line:
-                piece = _track(path, line, line_number, account)
+                piece = _track(path, line, line_number, limits, account)
                 if piece is not None and piece[0] in seen:
                     account.drop_tracks("repeated_track_id", 1, len(piece[1]))
                 elif piece is not None:
@@ -75,7 +76,7 @@ def read_raw(path, frame_rate, scale, origin):
     ), account
 
 
-def _track(path, line, number, account):
+def _track(path, line, number, limits, account):
     """One TRACK line to (id, points [n, 3] px px frame); None if it holds no usable point."""
     match = _TRACK.match(line)
     if not match:
@@ -89,12 +90,12 @@ def _track(path, line, number, account):
     if regular:
         try:
             points = np.array(body.translate(_SPACES).split(), float).reshape(-1, 3)
-            regular = bool((np.abs(points) < MAX_NUMBER).all())
+            regular = bool((np.abs(points) < limits).all())
         except ValueError:
             regular = False
     account.rows_read += len(points) if regular else 0
     if not regular:
-        points = _point_by_point(body, number, account)
+        points = _point_by_point(body, number, limits, account)
     later = np.ones(len(points), bool)
     if len(points):
         later[1:] = points[1:, 2] > np.maximum.accumulate(points[:, 2])[:-1]
@@ -108,7 +109,7 @@ def _track(path, line, number, account):
     return int(match[1]), points
 
 
-def _point_by_point(body, number, account):
+def _point_by_point(body, number, limits, account):
     points = []
     for text in body.split(b";"):
         account.rows_read += 1
@@ -121,7 +122,7 @@ def _point_by_point(body, number, account):
                 account.drop_rows("infinite_value", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
             elif np.isnan(point).any():
                 account.drop_rows("nan_value", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
-            elif max(map(abs, point)) >= MAX_NUMBER:
+            elif (np.abs(point) >= limits).any():
                 account.drop_rows("absurd_value", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
             else:
                 points.append(point)

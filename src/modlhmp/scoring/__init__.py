@@ -5,7 +5,7 @@ import pyarrow as pa
 
 from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.scoring.errors import ground_truth, is_idle
-from modlhmp.scoring.protocols import PROTOCOLS, score
+from modlhmp.scoring.protocols import score
 from modlhmp.tracks import clock_hours
 
 
@@ -33,7 +33,7 @@ def score_recording(tracks, forecasts, recording, dataset):
         for (output, protocol), (ade, fde) in score(forecast, truth, eligible).items():
             scored = np.isfinite(ade).sum(axis=1)
             wanted = np.minimum(eligible[protocol], steps)
-            reason = np.where(scored < wanted, "left the map", "")
+            reason = np.where(scored < wanted, "no dynamics", "")
             if protocol == "paper":
                 reason = np.where(idle, "idle", reason)
             one = {"recording": recording, "output": output, "protocol": protocol}
@@ -65,6 +65,3 @@ def _table(one, seed, ids, hours, wanted, scored, reason, ade, fde):
 
 def _lists(errors):
     return pa.FixedSizeListArray.from_arrays(pa.array(errors.astype(np.float32).ravel()), errors.shape[1])
-
-
-__all__ = ["PROTOCOLS", "score_recording"]

@@ -13,10 +13,13 @@ COLUMNS = (
 )  # fmt: skip
 
 
+OUTPUTS = ("ranked", "median", "mean", "single")  # the first that a method has stands for it
+
+
 class Errors(NamedTuple):
     """Errors of one method, output and protocol; tracks in a fixed order.
 
-    `keys` [tracks] are "recording/track"; `ade`, `fde` [seeds, tracks, T] in m, NaN where not scored;
+    `keys` [tracks] are "recording/track"; `ade`, `fde` [seeds, tracks, T] float32 in m, NaN where not scored;
     `eligible_steps` [tracks].
     """
 
@@ -41,7 +44,7 @@ def read_errors(path):
         names = group["recording"].astype(str) + "/" + group["track_id"].astype(str)
         keys, track = np.unique(names, return_inverse=True)
         seeds, seed = np.unique(group["seed"], return_inverse=True)
-        arrays = [np.full((len(seeds), len(keys), steps), np.nan) for _ in range(2)]
+        arrays = [np.full((len(seeds), len(keys), steps), np.nan, np.float32) for _ in range(2)]
         for array, values in zip(arrays, (ade, fde), strict=True):
             array[seed, track] = values[group.index]
         eligible = np.zeros(len(keys), np.int64)
@@ -71,20 +74,27 @@ def summarise(dataset, method, errors, step_s):
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def main_output(errors):
-    """The output that stands for a method in tables and tests: ranked, else mean, else single."""
-    return next(output for output in ("ranked", "mean", "single") if any(key[0] == output for key in errors))
+def main_output(outputs):
+    """The output that stands for a method in tables and tests: the first of `OUTPUTS` that it has."""
+    return next(output for output in OUTPUTS if output in outputs)
+
+
+def scored_horizons(horizons_s, dataset):
+    """Those of the tables' horizons [s] that a dataset has: whole time steps, up to its longest."""
+    steps = np.asarray(horizons_s) / dataset["time_step_s"]
+    whole = np.isclose(steps, np.rint(steps)) & (steps > 0.5) & (np.asarray(horizons_s) <= dataset["horizon_s"])
+    return np.asarray(horizons_s)[whole].tolist()
 
 
 def nan_mean(values, axis):
     """Mean over the finite values along an axis; NaN (without a warning) where there is none."""
     finite = np.isfinite(values)
     number = finite.sum(axis=axis)
-    total = np.where(finite, values, 0.0).sum(axis=axis)
+    total = np.where(finite, values, 0).sum(axis=axis, dtype=np.float64)
     return np.where(number > 0, total / np.maximum(number, 1), np.nan)
 
 
 def sample_sd(values):
     """Standard deviation (n - 1) of the finite values; NaN for fewer than two."""
-    finite = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)].astype(np.float64)
     return float(np.std(finite, ddof=1)) if len(finite) > 1 else float("nan")

@@ -50,7 +50,7 @@ def compare(dataset, errors, pairs, horizons, step_s):
     rows = []
     for protocol in PROTOCOLS:
         for ours, theirs in pairs:
-            outputs = main_output(errors[ours]), main_output(errors[theirs])
+            outputs = [main_output({output for output, _ in errors[method]}) for method in (ours, theirs)]
             a, b = errors[ours][outputs[0], protocol], errors[theirs][outputs[1], protocol]
             _, at_a, at_b = np.intersect1d(a.keys, b.keys, return_indices=True)
             for metric in ("ade", "fde"):
