@@ -29,6 +29,8 @@ citation: made up by a test
 terms: free
 """
 
+WITHOUT_CLOCK = OWN_DATASET.replace('start: "09:30", ', "").replace("time: ms", "time: frame") + "frame_rate: 9"
+
 
 def own_csv(path, seconds, seed):
     """People who walk along a corridor in both directions, 2.5 rows a second; time in ms, lengths in cm."""
@@ -129,7 +131,7 @@ def test_a_recording_of_one_s_own(own):
         ("hours: [9, 12", "not valid YAML"),
         ("- a list", "is a mapping of keys"),
         (OWN_DATASET.replace("2031-03-03", "2031-02-30"), "not valid YAML"),
-        (OWN_DATASET.replace('start: "09:30", ', "").replace("time: ms", "time: frame") + "frame_rate: 9", "needs a `start`"),
+        (WITHOUT_CLOCK, "needs a `start`"),
     ],
 )
 def test_a_broken_dataset_file_is_named(own, wrong, message):
