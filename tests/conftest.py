@@ -71,3 +71,8 @@ def write(tmp_path):
         return path
 
     return create
+
+
+def pytest_collection_modifyitems(items):
+    """The workflow's long tests first: beside them the other worker does all the short ones."""
+    items.sort(key=lambda item: "/workflow/test_run" not in str(item.path))

@@ -11,6 +11,7 @@ from project import ROOT, Project
 from modlhmp.scoring.summary import COLUMNS
 from modlhmp.storage import read_metadata
 
+pytestmark = pytest.mark.xdist_group("tiny")  # one worker makes the tiny run that all these tests look at
 TINY = ("--configfile", "config/tiny.yaml")
 EXHIBITS = {
     *(f"{table}.{kind}" for table in ("tab_scenarios", "tab_expres", "tab_ttests") for kind in ("csv", "md", "tex")),
