@@ -16,7 +16,7 @@ help:                     ## this list
 
 environment: .venv/ready  ## .venv from environment.lock (hash-checked) and this package
 
-.venv/ready: environment.lock pyproject.toml
+.venv/ready: environment.lock
 	@python=$$(command -v $(PYTHON) || command -v python3 || true); \
 	if [ -z "$$python" ] || ! "$$python" -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; then \
 	    echo "modlhmp needs Python 3.11 and found $$([ -n "$$python" ] && "$$python" --version || echo none)." >&2; \
