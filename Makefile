@@ -57,7 +57,7 @@ TORCH_NEEDS := filelock fsspec jinja2 networkx sympy typing-extensions
 lock:                     ## environment.lock anew from pyproject.toml (needs uv)
 	@command -v uv >/dev/null || { echo "make lock needs uv: pip install uv" >&2; exit 1; }
 	printf '%s\n' $(TORCH_NEEDS) | uv pip compile --quiet --generate-hashes --universal --python-version 3.11 \
-	    --no-header --emit-build-options --extra workflow --extra dev pyproject.toml - -o environment.lock.new
+	    --no-header --emit-build-options --extra workflow --extra notebooks --extra dev pyproject.toml - -o environment.lock.new
 	{ printf '%s\n' '# Made by `make lock` from pyproject.toml; every package is checked by hash.' \
 	      '# torch, the last entry, is the CPU wheel of https://download.pytorch.org/whl/cpu'; \
 	  cat environment.lock.new; \

@@ -32,10 +32,11 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 import pyarrow as pa
+from PIL import Image
 from pyarrow import csv
 from scipy.ndimage import gaussian_filter1d
 
-from modlhmp.storage import atomic_path
+from modlhmp.storage import atomic_path, write_text
 
 METRES_PER_PIXEL = 0.0247  # forum
 FORUM_RATE = 9.0  # frames a second; frame 0 is 08:00
@@ -486,6 +487,37 @@ def _write_forum(file, rng, plan, _day, scale):
         number = index + 1
         file.write(f"Properties.R{number}=[{properties}];\n TRACK.R{number}=[{';'.join(text)}];\n".encode())
     return dict(planted)
+
+
+# --- floor plan ---------------------------------------------------------------------------------------------
+
+PLAN_RESOLUTION = 0.1  # m a pixel
+CORRIDOR_HALF_WIDTH = 3.0  # m from a route's line to the wall; people keep within `Site.half_width` of it
+
+
+def write_floor_plan(path):
+    """Write the hall's floor plan, as map_server's YAML file at `path` and its image beside it (.pgm).
+
+    All that lies within a corridor's half width of a route is free, the rest of the extent is wall; nobody in the
+    recordings walks into a wall.
+    """
+    plan, path = SITES["hall"], Path(path)
+    x_min, x_max, y_min, y_max = plan.extent
+    x, y = (np.arange(a + PLAN_RESOLUTION / 2, b, PLAN_RESOLUTION) for a, b in ((x_min, x_max), (y_min, y_max)))
+    free = np.zeros((len(y), len(x)), bool)
+    for route in plan.routes:
+        for (x0, y0), (x1, y1) in zip(route.points[:-1], route.points[1:], strict=True):
+            across = (x > min(x0, x1) - CORRIDOR_HALF_WIDTH) & (x < max(x0, x1) + CORRIDOR_HALF_WIDTH)
+            along = (y > min(y0, y1) - CORRIDOR_HALF_WIDTH) & (y < max(y0, y1) + CORRIDOR_HALF_WIDTH)
+            free |= along[:, None] & across
+    image = path.with_suffix(".pgm")
+    with atomic_path(image) as temporary:
+        Image.fromarray(np.where(free, 254, 0).astype(np.uint8)[::-1]).save(temporary, format="PPM")
+    write_text(
+        path,
+        f"image: {image.name}\nresolution: {PLAN_RESOLUTION}\norigin: [{x_min}, {y_min}, 0.0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n",
+    )
 
 
 # --- files --------------------------------------------------------------------------------------------------

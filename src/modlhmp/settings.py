@@ -12,6 +12,7 @@ import jsonschema
 import yaml
 
 from modlhmp.cleaning import RULES
+from modlhmp.floor_plan import image_of
 from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.storage import DataError
 
@@ -21,6 +22,7 @@ DATASET_DEFAULTS = {
     "cleaning": ["single_row", "gap_over_5s"],
     "paper_protocol": {"idle_filter": None},
     "floor_plan": None,
+    "areas": [],
     "sources": [],
     "demo": False,
     "paper_results": None,
@@ -98,6 +100,7 @@ def load_dataset(path, schema, data_root, demo_root=None):
 
     They lie under `data_root`, generated ones under `demo_root` where that is given.
 
+    `floor_plan` becomes the list of its two files, YAML and image; empty where there is none.
     Each of the returned `recordings` has `name`, `path`, `stored` (the file on disk: `path`, or the archive that it
     leads into) and `member` of it, `file` (`stored` under `data_root`), `exists`, `day`, `start` and `split`.
     A file that does not exist keeps the path where it is expected.
@@ -116,6 +119,7 @@ def load_dataset(path, schema, data_root, demo_root=None):
     dataset["recordings"] = [
         found for entry in dataset["recordings"] for found in _resolve(path, entry, dataset, data_root)
     ]
+    dataset["floor_plan"] = _floor_plan_files(path, dataset, data_root)
     names = [recording["name"] for recording in dataset["recordings"]]
     if twice := {name for name in names if names.count(name) > 1}:
         raise DataError(f"{path}: two recordings are named {', '.join(sorted(twice))}; give the files different names")
@@ -177,6 +181,9 @@ def _check_dataset(path, dataset):
             )
         if "polygons" in options and not _are_polygons(options["polygons"]):
             raise DataError(f"{path}: cleaning rule {name}: polygons must be lists of at least three [x, y] corners")
+    for area in dataset["areas"]:
+        if not _are_polygons(area["polygons"]):
+            raise DataError(f"{path}: area {area['title']}: polygons must be lists of at least three [x, y] corners")
 
 
 def _are_polygons(value):
@@ -191,6 +198,19 @@ def _are_polygons(value):
             for corner in polygon
         )
     )
+
+
+def _floor_plan_files(path, dataset, data_root):
+    if dataset["floor_plan"] is None:
+        return []
+    file = Path(data_root) / dataset["floor_plan"]
+    if dataset["demo"]:  # made by the workflow
+        return [str(file), str(file.with_suffix(".pgm"))]
+    if not file.exists():
+        raise DataError(f"{path}: floor_plan {file} does not exist; put it there, or write `floor_plan: null`")
+    if not image_of(file).exists():
+        raise DataError(f"{file}: image {image_of(file)} does not exist; put it there, or correct `image`")
+    return [str(file), str(image_of(file))]
 
 
 def _resolve(path, entry, dataset, data_root):

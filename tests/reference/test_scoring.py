@@ -153,7 +153,8 @@ def test_score_equals_the_loop(seed, output):
     got = score(forecast, truth, eligible)
     outputs = {"ranked": {"ranked", "mean"}, "mean": {"mean"}, "single": {"single"}}[output]
     assert set(got) == {(name, protocol) for name in outputs for protocol in PROTOCOLS}
-    for (name, protocol), (ade, fde) in got.items():
+    for (name, protocol), values in got.items():
+        ade, fde = values["ade"], values["fde"]
         for i, step in np.ndindex(n, STEPS):
             futures = forecast.xy[i], forecast.log_fitness[i], forecast.steps_alive[i]
             expected = twins.score(protocol, name, *futures, truth[i], eligible[protocol][i], step + 1)
@@ -170,8 +171,8 @@ def test_protocols_agree_where_everyone_is_alive(seed):
     length = np.full(6, STEPS)
     got = score(forecast, truth, {"paper": length, "complete": length})
     for output in ("ranked", "mean"):
-        for paper, complete in zip(got[output, "paper"], got[output, "complete"], strict=True):
-            np.testing.assert_array_equal(paper, complete)
+        for metric, paper in got[output, "paper"].items():
+            np.testing.assert_array_equal(paper, got[output, "complete"][metric])
             assert np.isfinite(paper).all()
 
 
@@ -231,7 +232,7 @@ def test_ties_go_to_the_first_future():
     xy = np.array([[[[1.0, 0], [1, 0]], [[2, 0], [2, 0]]]], np.float32)
     forecast = Forecast(xy, np.zeros((1, 2, 2), np.float32), np.full((1, 2), 2, np.int32), "ranked")
     both = {"paper": np.array([2]), "complete": np.array([2])}
-    assert score(forecast, truth, both)["ranked", "paper"][1].tolist() == [[1.0, 1.0]]
+    assert score(forecast, truth, both)["ranked", "paper"]["fde"].tolist() == [[1.0, 1.0]]
 
 
 # --- scoring a recording ------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 #
 # INPUTS   nothing, or a dataset file's `sources`
 # OUTPUTS  raw files that are not there yet: under resources/demo, or under data_root
-# STEPS    make_demo_recording | fetch_recording
+# STEPS    make_demo_recording, make_demo_floor_plan | fetch_recording
 from modlhmp.demo import RECORDINGS as DEMO_RECORDINGS
 
 DEMO_FILES = {recording.file: recording for recording in DEMO_RECORDINGS}
@@ -34,6 +34,24 @@ rule make_demo_recording:
         "Demo recording {wildcards.file}"
     script:
         "../scripts/make_demo_recording.py"
+
+
+rule make_demo_floor_plan:
+    """Write the floor plan of the made-up hall."""
+    output:
+        yaml=f"resources/demo/{RUN}/hall/hall.yaml",
+        image=f"resources/demo/{RUN}/hall/hall.pgm",
+    log:
+        f"results/{RUN}/logs/make_demo_floor_plan.log",
+    resources:
+        mem_mb=500,
+        runtime=5,
+    params:
+        code=code_version("modlhmp.demo"),
+    message:
+        "Demo floor plan"
+    script:
+        "../scripts/make_demo_floor_plan.py"
 
 
 rule fetch_recording:

@@ -13,6 +13,7 @@ rule score_method:
             f"results/{RUN}/{wildcards.dataset}/forecasts/{wildcards.method}/{r['name']}.parquet"
             for r in recordings(wildcards.dataset, "test")
         ],
+        floor_plan=lambda wildcards: DATASETS[wildcards.dataset]["floor_plan"],
     output:
         f"results/{RUN}/{{dataset}}/errors/{{method}}.parquet",
     log:
@@ -29,6 +30,7 @@ rule score_method:
         ],
         code=code_version(
             "modlhmp.scoring",
+            "modlhmp.floor_plan",
             "modlhmp.forecasting.ranking",
             "modlhmp.forecasting.observe",
             "modlhmp.tracks",

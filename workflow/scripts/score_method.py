@@ -2,6 +2,7 @@
 
 import pyarrow as pa
 
+from modlhmp.floor_plan import load_floor_plan
 from modlhmp.forecasting import read_forecasts
 from modlhmp.logs import job_log
 from modlhmp.scoring import score_recording
@@ -9,11 +10,13 @@ from modlhmp.storage import DataError, provenance, write_parquet
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
+    plan = load_floor_plan(snakemake.input.floor_plan[0]) if snakemake.input.floor_plan else None
     tables = []
     for name, tracks, forecasts in zip(
         snakemake.params.recordings, snakemake.input.tracks, snakemake.input.forecasts, strict=True
     ):
-        tables.append(score_recording(read_tracks(tracks), read_forecasts(forecasts), name, snakemake.params.dataset))
+        errors = score_recording(read_tracks(tracks), read_forecasts(forecasts), name, snakemake.params.dataset, plan)
+        tables.append(errors)
     errors = pa.concat_tables(tables).unify_dictionaries()
     if not errors.num_rows:
         rows = snakemake.params.dataset["observed_rows"] + 1

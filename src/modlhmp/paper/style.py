@@ -6,10 +6,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
+from modlhmp.floor_plan import OCCUPIED, UNKNOWN, load_floor_plan
 from modlhmp.storage import atomic_path, write_text
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.transforms import Affine2D
 
 MM = 1 / 25.4
 COLUMN_MM, PAGE_MM = 88.0, 180.0
@@ -18,6 +20,8 @@ COLUMN_MM, PAGE_MM = 88.0, 180.0
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#8B4513")
 _LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (7, 2)), (0, (2, 2)))
 _MARKERS = "osD^vPX*h"
+
+_WALL_GREY, _UNKNOWN_GREY = (150, 150, 150, 255), (232, 232, 232, 255)
 
 # Cyclic colours of orientation: east blue, north orange, west red, south green.
 ORIENTATION = LinearSegmentedColormap.from_list(
@@ -74,6 +78,27 @@ def heading_colour(heading):
 def orientation_scale():
     """Mappable of the orientation colours, 0 to 2 pi, for colour keys."""
     return mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, 2 * np.pi), ORIENTATION)
+
+
+def draw_floor_plan(axes, files):
+    """Draw a dataset's floor plan (its `floor_plan` list of files) under the data of `axes`, whose limits it keeps."""
+    if not files:
+        return
+    plan = load_floor_plan(files[0])
+    limits = axes.get_xlim(), axes.get_ylim()
+    shade = np.full((*plan.cells.shape, 4), 255, np.uint8)
+    shade[plan.cells == UNKNOWN] = _UNKNOWN_GREY
+    shade[plan.cells == OCCUPIED] = _WALL_GREY
+    rows, columns = plan.cells.shape
+    size = (0, columns * plan.resolution, 0, rows * plan.resolution)
+    place = Affine2D().rotate(plan.yaw).translate(*plan.origin)
+    axes.imshow(shade, origin="lower", extent=size, transform=place + axes.transData, interpolation="nearest", zorder=0)
+    axes.set(xlim=limits[0], ylim=limits[1])
+
+
+def image_coordinates(dataset):
+    """Whether y grows downwards in a dataset's recordings, as in images."""
+    return dataset["reader"].startswith("edinburgh")
 
 
 def empty_panel(axes, text):

@@ -3,18 +3,21 @@
 import numpy as np
 import pyarrow as pa
 
+from modlhmp.floor_plan import occupied_depth
 from modlhmp.forecasting.observe import usable_tracks
-from modlhmp.scoring.errors import ground_truth, is_idle
+from modlhmp.scoring.errors import enters_occupied, ground_truth, is_idle
 from modlhmp.scoring.protocols import score
 from modlhmp.tracks import clock_hours
 
 
-def score_recording(tracks, forecasts, recording, dataset):
+def score_recording(tracks, forecasts, recording, dataset, floor_plan=None):
     """Score one method's forecasts of one recording; returns a table, one row a track, seed, output, protocol.
 
     `forecasts` yields (seed, track_ids, `Forecast`). `ade` and `fde` [m] are lists over horizons, NaN where not
     scored; `eligible_steps` says to which step the track counts, `scored_steps` to how many it was scored, and
-    `why_not` the reason where the two differ. Empty if the recording has no usable track.
+    `why_not` the reason where the two differ. With a `FloorPlan` there are also `infeasible`, lists of whether the
+    forecast has been inside a wall (`errors.enters_occupied`), and `truth_infeasible_from`, the first step at which
+    the person's own path has (0: never). Empty if the recording has no usable track.
     """
     rows = usable_tracks(tracks, dataset["observed_rows"])
     ids = tracks.track_id[rows[:, 0]]
@@ -25,43 +28,51 @@ def score_recording(tracks, forecasts, recording, dataset):
     if idle_filter:
         idle = is_idle(tracks, rows, idle_filter["rows"], idle_filter["min_displacement_m"])
     eligible = {"paper": np.where(idle, 0, length), "complete": length}
-    hours = clock_hours(tracks.t[rows[:, 0] + dataset["observed_rows"] - 1], dataset["timezone"])
+    t0 = rows[:, 0] + dataset["observed_rows"] - 1
+    hours = clock_hours(tracks.t[t0], dataset["timezone"])
+    by_track = {"track_id": ids, "hour": hours.astype(np.int8)}
+    if floor_plan is not None:
+        depth, start = occupied_depth(floor_plan), np.column_stack([tracks.x[t0], tracks.y[t0]])
+        entered = enters_occupied(floor_plan, depth, start, truth)
+        first = np.where(entered.any(axis=1), entered.argmax(axis=1) + 1, 0)
+        by_track["truth_infeasible_from"] = first.astype(np.int32)
     tables = []
     for seed, track_ids, forecast in forecasts:
         if not np.array_equal(track_ids, ids):
             raise ValueError(f"{recording}: the forecasts are of other tracks than the recording's; remake them")
-        for (output, protocol), (ade, fde) in score(forecast, truth, eligible).items():
-            scored = np.isfinite(ade).sum(axis=1)
+        infeasible = None if floor_plan is None else enters_occupied(floor_plan, depth, start, forecast.xy)
+        for (output, protocol), values in score(forecast, truth, eligible, infeasible).items():
+            scored = np.isfinite(values["ade"]).sum(axis=1)
             wanted = np.minimum(eligible[protocol], steps)
             reason = np.where(scored < wanted, "no dynamics", "")
             if protocol == "paper":
                 reason = np.where(idle, "idle", reason)
             one = {"recording": recording, "output": output, "protocol": protocol}
-            tables.append(_table(one, seed, ids, hours, wanted, scored, reason, ade, fde))
+            tables.append(_table(one, seed, by_track, wanted, scored, reason, values))
     if not tables:
         nothing, no_errors = np.empty(0, int), np.empty((0, steps))
         one = {"recording": recording, "output": "", "protocol": ""}
-        tables = [_table(one, 0, *[nothing] * 4, nothing.astype(str), no_errors, no_errors)]
+        values = dict.fromkeys(("ade", "fde") if floor_plan is None else ("ade", "fde", "infeasible"), no_errors)
+        tables = [_table(one, 0, by_track, nothing, nothing, nothing.astype(str), values)]
     return pa.concat_tables(tables).unify_dictionaries()
 
 
-def _table(one, seed, ids, hours, wanted, scored, reason, ade, fde):
+def _table(one, seed, by_track, wanted, scored, reason, values):
     """Rows of the errors table for one recording, output, protocol and seed."""
-    constants = {name: pa.array(np.full(len(ids), value)).dictionary_encode() for name, value in one.items()}
+    n = len(by_track["track_id"])
+    constants = {name: pa.array(np.full(n, value)).dictionary_encode() for name, value in one.items()}
     return pa.table(
         {
             **constants,
-            "track_id": ids,
-            "seed": np.full(len(ids), seed, np.int32),
-            "hour": hours.astype(np.int8),
+            **by_track,
+            "seed": np.full(n, seed, np.int32),
             "eligible_steps": wanted.astype(np.int32),
             "scored_steps": scored.astype(np.int32),
             "why_not": pa.array(reason).dictionary_encode(),
-            "ade": _lists(ade),
-            "fde": _lists(fde),
+            **{name: _lists(one) for name, one in values.items()},
         }
     )
 
 
-def _lists(errors):
-    return pa.FixedSizeListArray.from_arrays(pa.array(errors.astype(np.float32).ravel()), errors.shape[1])
+def _lists(values):
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.astype(np.float32).ravel()), values.shape[1])

@@ -1,6 +1,10 @@
-"""Truth and displacement errors (paper Sec. IV-D)."""
+"""Truth, displacement errors (paper Sec. IV-D), and paths that end up inside walls."""
 
 import numpy as np
+
+from modlhmp.floor_plan import value_at
+
+MIN_DEPTH_M = 0.3  # a path this deep inside occupied area is infeasible
 
 
 def ground_truth(tracks, rows, observed_rows, steps, step_s=1.0):
@@ -44,3 +48,14 @@ def is_idle(tracks, rows, apart=5, min_displacement_m=1.0):
         close[len(moved) + 1 :] = close[len(moved)]
     last = np.maximum(rows[:, 1] - apart + 1, rows[:, 0])
     return close[last] > close[rows[:, 0]]
+
+
+def enters_occupied(plan, depth, start, xy):
+    """Whether a path has been `MIN_DEPTH_M` or more inside occupied area by each step and had not started there.
+
+    `plan` and `depth` as in `modlhmp.floor_plan`; `start` [n, 2] are the positions at t0, `xy` [n, ..., T, 2] the
+    paths, seen at their time steps only. Returns bool [n, ..., T].
+    """
+    inside = np.maximum.accumulate(value_at(plan, depth, xy[..., 0], xy[..., 1]) >= MIN_DEPTH_M, axis=-1)
+    outside_at_start = value_at(plan, depth, start[:, 0], start[:, 1]) < MIN_DEPTH_M
+    return inside & outside_at_start.reshape(-1, *[1] * (xy.ndim - 2))

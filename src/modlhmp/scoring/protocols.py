@@ -14,14 +14,17 @@ from modlhmp.scoring.errors import displacement_errors
 PROTOCOLS = ("paper", "complete")
 
 
-def score(forecast, truth, eligible_steps):
+def score(forecast, truth, eligible_steps, infeasible=None):
     """Errors at every horizon of each track.
 
-    `truth` [n, T, 2]; `eligible_steps` maps a protocol to the number of steps [n] to which a track is eligible.
-    Returns {(output, protocol): (ade [n, T], fde [n, T])} in m, NaN where a track is not scored. Futures of equal
-    standing (`ranked`) are also scored without ranking, as the mean of their errors (`mean`).
+    `truth` [n, T, 2]; `eligible_steps` maps a protocol to the number of steps [n] to which a track is eligible;
+    `infeasible` [n, k, T], where known, says which futures have been inside a wall. Returns {(output, protocol):
+    {"ade": [n, T], "fde": [n, T], "infeasible": [n, T]}} in m, NaN where a track is not scored. Futures of equal
+    standing (`ranked`) are also scored without ranking, as the mean of their values (`mean`).
     """
-    ade, fde = displacement_errors(forecast.xy, truth)
+    values = dict(zip(("ade", "fde"), displacement_errors(forecast.xy, truth), strict=True))
+    if infeasible is not None:
+        values["infeasible"] = infeasible.astype(np.float32)
     horizon = np.arange(1, truth.shape[1] + 1)
     lived = np.minimum(forecast.steps_alive[:, :, None], horizon)
     chosen_by = {
@@ -34,19 +37,19 @@ def score(forecast, truth, eligible_steps):
         outside = horizon > eligible_steps[protocol][:, None]
         if forecast.output in {"ranked", "single"}:
             best = most_likely(forecast.log_fitness, chosen_by[protocol])
-            pair = tuple(_pick(error, best, outside) for error in (ade, fde))
-            scores[forecast.output, protocol] = pair
+            scores[forecast.output, protocol] = {m: _pick(one, best, outside) for m, one in values.items()}
         if forecast.output in {"ranked", "mean"}:
-            scores["mean", protocol] = tuple(_mean(error, everyone[protocol], outside) for error in (ade, fde))
+            counted = everyone[protocol]
+            scores["mean", protocol] = {m: _mean(one, counted, outside) for m, one in values.items()}
     return scores
 
 
-def _pick(errors, best, outside):
-    picked = np.take_along_axis(errors, np.maximum(best, 0)[:, None], axis=1)[:, 0]
+def _pick(values, best, outside):
+    picked = np.take_along_axis(values, np.maximum(best, 0)[:, None], axis=1)[:, 0]
     return np.where((best < 0) | outside, np.nan, picked)
 
 
-def _mean(errors, counted, outside):
+def _mean(values, counted, outside):
     number = counted.sum(axis=1)
-    total = np.where(counted, errors, 0.0).sum(axis=1)
+    total = np.where(counted, values, 0.0).sum(axis=1)
     return np.where(outside | (number == 0), np.nan, total / np.maximum(number, 1))

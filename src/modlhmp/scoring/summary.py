@@ -10,8 +10,8 @@ from modlhmp.storage import read_parquet
 COLUMNS = (
     "dataset", "method", "output", "protocol", "horizon_s", "ade_m", "fde_m",
     "ade_sd_m", "fde_sd_m", "ade_seed_sd_m", "n", "eligible", "seeds",
+    "own_ade_m", "own_fde_m", "own_n", "infeasible", "truth_infeasible",
 )  # fmt: skip
-
 
 OUTPUTS = ("ranked", "median", "mean", "single")  # the first that a method has stands for it
 
@@ -20,13 +20,16 @@ class Errors(NamedTuple):
     """Errors of one method, output and protocol; tracks in a fixed order.
 
     `keys` [tracks] are "recording/track"; `ade`, `fde` [seeds, tracks, T] float32 in m, NaN where not scored;
-    `eligible_steps` [tracks].
+    `eligible_steps` [tracks]. With a floor plan, `infeasible` [seeds, tracks, T] is 1 where the forecast has been
+    inside a wall (a share where it is a mean of several), and `truth_infeasible` [tracks, T] says so of the truth.
     """
 
     keys: np.ndarray
     ade: np.ndarray
     fde: np.ndarray
     eligible_steps: np.ndarray
+    infeasible: np.ndarray = None
+    truth_infeasible: np.ndarray = None
 
     def by_track(self, metric):
         """Mean over the seeds that scored a track, [tracks, T]; NaN where none did."""
@@ -36,20 +39,25 @@ class Errors(NamedTuple):
 def read_errors(path):
     """An errors file as {(output, protocol): `Errors`}."""
     table = read_parquet(path)
+    metrics = [name for name in ("ade", "fde", "infeasible") if name in table.column_names]
     steps = table.schema.field("ade").type.list_size
-    ade, fde = (table[name].combine_chunks().flatten().to_numpy().reshape(-1, steps) for name in ("ade", "fde"))
-    rows = table.drop_columns(["ade", "fde"]).to_pandas()
+    values = {name: table[name].combine_chunks().flatten().to_numpy().reshape(-1, steps) for name in metrics}
+    rows = table.drop_columns(metrics).to_pandas()
     found = {}
     for (output, protocol), group in rows.groupby(["output", "protocol"], observed=True):
         names = group["recording"].astype(str) + "/" + group["track_id"].astype(str)
         keys, track = np.unique(names, return_inverse=True)
         seeds, seed = np.unique(group["seed"], return_inverse=True)
-        arrays = [np.full((len(seeds), len(keys), steps), np.nan, np.float32) for _ in range(2)]
-        for array, values in zip(arrays, (ade, fde), strict=True):
-            array[seed, track] = values[group.index]
+        arrays = {name: np.full((len(seeds), len(keys), steps), np.nan, np.float32) for name in metrics}
+        for name, array in arrays.items():
+            array[seed, track] = values[name][group.index]
         eligible = np.zeros(len(keys), np.int64)
         eligible[track] = group["eligible_steps"]
-        found[output, protocol] = Errors(keys, *arrays, eligible)
+        if "infeasible" in arrays:
+            first = np.zeros(len(keys), np.int64)
+            first[track] = group["truth_infeasible_from"]
+            arrays["truth_infeasible"] = (first[:, None] > 0) & (np.arange(1, steps + 1) >= first[:, None])
+        found[output, protocol] = Errors(keys, eligible_steps=eligible, **arrays)
     return found
 
 
@@ -58,20 +66,37 @@ def summarise(dataset, method, errors, step_s):
 
     `errors` as from `read_errors`. Mean over seeds per track first, then over tracks; SD over tracks;
     `ade_seed_sd_m` is the SD over seeds of the mean error; `n` scored tracks (mean over seeds) of `eligible`.
+    `own_ade_m`, `own_fde_m`, `own_n`: every track counts at its own length, or at the horizon if it is longer.
+    `infeasible`, `truth_infeasible`: share of the scored forecasts, and of the same tracks' true paths, that have been
+    inside a wall; NaN without a floor plan.
     """
     rows = []
     for (output, protocol), one in sorted(errors.items()):
         ade, fde = one.by_track("ade"), one.by_track("fde")
         n = np.isfinite(one.ade).sum(axis=1).mean(axis=0)
         seed_means = nan_mean(one.ade, axis=1)
+        own = [at_own_length(metric, one.eligible_steps) for metric in (ade, fde, np.isfinite(one.ade).mean(axis=0))]
+        nothing = np.full(ade.shape[1], np.nan)
+        entered = truth_entered = nothing
+        if one.infeasible is not None:
+            entered = nan_mean(one.by_track("infeasible"), axis=0)
+            truth_entered = nan_mean(np.where(np.isfinite(ade), one.truth_infeasible, np.nan), axis=0)
         for step in range(ade.shape[1]):
             rows.append((
                 dataset, method, output, protocol, (step + 1) * step_s,
                 *(float(nan_mean(e[:, step], axis=0)) for e in (ade, fde)),
                 *(sample_sd(e[:, step]) for e in (ade, fde)),
                 sample_sd(seed_means[:, step]), n[step], int((one.eligible_steps > step).sum()), len(one.ade),
+                *(float(nan_mean(e[:, step], axis=0)) for e in own[:2]), float(np.nansum(own[2][:, step])),
+                entered[step], truth_entered[step],
             ))  # fmt: skip
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def at_own_length(by_track, eligible_steps):
+    """Values [tracks, T] of each track at its own length, or at the horizon where it is longer; NaN for length 0."""
+    steps = np.minimum(np.arange(by_track.shape[1]), eligible_steps[:, None] - 1)
+    return np.where(steps >= 0, np.take_along_axis(by_track, np.maximum(steps, 0), axis=1), np.nan)
 
 
 def main_output(outputs):
