@@ -150,5 +150,7 @@ def table_files(label):
     return {kind: f"{EXHIBITS}/{label}.{kind}" for kind in ("csv", "tex", "md")}
 
 
+SETTINGS = [settings_of(name) for name in DATASETS]
+PAPER_STYLE = ("modlhmp.paper.style", "modlhmp.paper.selection", "modlhmp.floor_plan")
 LABELS = [dataset["label"] for dataset in DATASETS.values()]
 KINDS_RUN = {method["kind"] for method in METHODS.values()}

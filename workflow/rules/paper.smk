@@ -4,8 +4,6 @@
 # OUTPUTS  paper_figures/{run}/<label>.{csv,tex,md} for tables, .{pdf,png,csv} for figures
 # STEPS    table_parameters, table_results, table_ttests, figure_horizon_errors, figure_ranking, figure_hourly_maps;
 #          tables, figures collect them
-SETTINGS = [settings_of(name) for name in DATASETS]
-PAPER_STYLE = ("modlhmp.paper.style", "modlhmp.paper.selection")
 
 
 rule table_parameters:
@@ -139,33 +137,6 @@ rule figure_ranking:
         "../scripts/figure_ranking.py"
 
 
-rule figure_hourly_maps:
-    """Time-conditioned CLiFF-maps of a few hours (the paper's fig:cliff-atc-time)."""
-    input:
-        maps=lambda wildcards: f"results/{RUN}/{dataset_of_label(wildcards.label)}/maps/tc_cliff",
-    output:
-        csv=f"{EXHIBITS}/cliff-{{label}}-time.csv",
-        pdf=f"{EXHIBITS}/cliff-{{label}}-time.pdf",
-        png=report(
-            f"{EXHIBITS}/cliff-{{label}}-time.png",
-            caption="../report/cliff-time.rst",
-            category="Maps",
-            labels={"exhibit": "hourly TC-CLiFF maps", "dataset": "{label}"},
-        ),
-    log:
-        f"results/{RUN}/logs/figure_hourly_maps/{{label}}.log",
-    resources:
-        mem_mb=1000,
-        runtime=10,
-    params:
-        dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
-        code=code_version("modlhmp.paper.hourly_maps", *PAPER_STYLE),
-    message:
-        "Figure cliff-{wildcards.label}-time"
-    script:
-        "../scripts/figure_hourly_maps.py"
-
-
 rule tables:
     """Every table of the run."""
     input:
@@ -179,7 +150,6 @@ rule figures:
     """Every figure of the run."""
     input:
         expand(rules.figure_horizon_errors.output, label=LABELS),
-        expand(rules.figure_hourly_maps.output, label=LABELS)
-        if "tc_cliff" in KINDS_RUN
-        else [],
+        MAP_FIGURES,
+        FORECAST_FIGURES,
         rules.figure_ranking.output if "tc_cliff" in METHODS else [],
