@@ -13,6 +13,7 @@ import yaml
 
 from modlhmp.cleaning import RULES
 from modlhmp.floor_plan import image_of
+from modlhmp.maps import KINDS as MAP_KINDS
 from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.storage import DataError
 
@@ -69,6 +70,11 @@ def check_config(config, datasets_folder):
     for name in config["compare"]:
         if name not in config["methods"]:
             raise DataError(_unknown("compare", "method", name, config["methods"]))
+    studied = config["studies"]["method"]
+    if studied not in config["methods"]:
+        raise DataError(_unknown("studies.method", "method", studied, config["methods"]))
+    if config["methods"][studied]["kind"] not in MAP_KINDS:
+        raise DataError(f"configuration, studies.method: {studied} has no map, so neither beta nor r_s")
     for pair in config["comparisons"]:
         for name in pair:
             if name not in config["methods"]:

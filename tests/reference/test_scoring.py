@@ -11,13 +11,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from modlhmp.floor_plan import OCCUPIED, FloorPlan, occupied_depth
 from modlhmp.forecasting import read_forecasts, write_forecasts
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.scoring import score_recording
-from modlhmp.scoring.errors import displacement_errors, ground_truth, is_idle
+from modlhmp.scoring.errors import displacement_errors, enters_occupied, ground_truth, is_idle
 from modlhmp.scoring.protocols import PROTOCOLS, score
-from modlhmp.scoring.summary import Errors, main_output, read_errors, scored_horizons, summarise
+from modlhmp.scoring.summary import (
+    Errors,
+    at_horizons,
+    at_own_length,
+    main_output,
+    read_errors,
+    scored_horizons,
+    summarise,
+)
 from modlhmp.scoring.ttests import compare, holm, paired_test
 from modlhmp.storage import read_metadata, write_parquet
 from modlhmp.tracks import Tracks, concatenate, empty_tracks
@@ -489,6 +498,56 @@ def test_holm_by_hand():
     np.testing.assert_allclose(got, [0.09, 0.04, np.nan, 0.09, 0.9])
 
 
+def test_own_length_by_hand():
+    """Lengths 0, 2 and 9 steps: no value, the second step's from then on, and always the horizon's own."""
+    values = np.arange(12.0).reshape(3, 4)
+    got = at_own_length(values, np.array([0, 2, 9]))
+    np.testing.assert_array_equal(got, [[np.nan] * 4, [4, 5, 5, 5], [8, 9, 10, 11]])
+
+
+def test_infeasible_equals_the_loop():
+    """Paths through a wall of 2 m: in it, beside it, started in it; held to the slow plain rule at every step."""
+    cells = np.zeros((40, 40), np.uint8)
+    cells[:, 20:30] = OCCUPIED  # x from 4 m to 6 m
+    plan = FloorPlan(cells, 0.2, (0.0, 0.0), 0.0)
+    depth = occupied_depth(plan)
+    rng = np.random.default_rng(3)
+    start = np.column_stack([rng.uniform(0, 8, 30), rng.uniform(1, 7, 30)])
+    xy = start[:, None, None] + np.cumsum(rng.normal(0, 1, (30, 3, 8, 2)), axis=2)
+    got = enters_occupied(plan, depth, start, xy)
+
+    def deep(x, y):
+        """In a cell whose centre is at least 0.3 m from each side of the wall; it ends with the plan."""
+        across, along = ((np.floor(v / 0.2) + 0.5) * 0.2 for v in (x, y))
+        return min(across - 4, 6 - across, along, 8 - along) >= 0.3 - 1e-6
+
+    for i, k in np.ndindex(30, 3):
+        visited = [deep(*point) for point in xy[i, k]]
+        expected = [any(visited[: h + 1]) and not deep(*start[i]) for h in range(8)]
+        assert got[i, k].tolist() == expected
+    assert 0.1 < got[..., -1].mean() < 0.9
+
+
+def test_infeasible_share_stands_beside_the_truth_s(tmp_path):
+    """One walker stays in the corridor, the forecast goes through the wall: 1 and 0, at the horizon where it does."""
+    cells = np.zeros((20, 20), np.uint8)
+    cells[10:] = OCCUPIED  # y from 5 m
+    plan = FloorPlan(cells, 0.5, (0.0, 0.0), 0.0)
+    t = 1.9e9 + np.arange(STEPS + 4.0)
+    walk = Tracks(np.full(len(t), 7), t, np.full(len(t), 2.0), np.full(len(t), 3.0), np.ones(len(t)), np.zeros(len(t)))
+    y = 3.0 + np.arange(1, STEPS + 1)  # 0.5 m deep at step 3
+    xy = np.stack([np.full(STEPS, 2.0), y], -1)[None, None].astype(np.float32)
+    zeros = np.zeros((1, 1, STEPS), np.float32)
+    forecast = Forecast(xy, zeros, np.full((1, 1), STEPS, np.int32), "single")
+    dataset = {**DATASET, "horizon_s": float(STEPS)}
+    table = score_recording(walk, [(0, np.array([7]), forecast)], "day", dataset, plan)
+    write_parquet(table, tmp_path / "errors.parquet")
+    rows = summarise("d", "m", read_errors(tmp_path / "errors.parquet"), 1.0)
+    complete = rows[rows["protocol"] == "complete"]
+    assert complete["infeasible"].tolist() == [0.0, 0.0] + [1.0] * (STEPS - 2)
+    assert (complete["truth_infeasible"] == 0).all()
+
+
 def made_up_errors(seed, tracks, outputs, offset):
     """Errors of a made-up method on some of the tracks 0..29."""
     rng = np.random.default_rng(seed)
@@ -509,7 +568,8 @@ def test_compare_equals_the_loop():
         "line": made_up_errors(15, range(30), ("single",), 1.0),
     }
     pairs, horizons = [("maps", "mid"), ("maps", "line"), ("mid", "line")], [1.0, 3.0, 6.0]
-    table = compare("hall", methods, pairs, horizons, 0.5)
+    reduced = {name: at_horizons(errors, horizons, 0.5) for name, errors in methods.items()}
+    table = compare("hall", reduced, pairs, horizons)
     assert len(table) == 2 * 3 * 2 * 3
     outputs = {"maps": "ranked", "mid": "mean", "line": "single"}
     for line in table.itertuples():

@@ -94,6 +94,7 @@ CLEANING_KEYS = (
 )
 FORECAST_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity")
 SCORE_KEYS = (*FORECAST_KEYS, "paper_protocol")
+STUDY_KEYS = ("name", *SCORE_KEYS)
 
 
 def settings_of(dataset, keys=None):

@@ -5,15 +5,17 @@ from pathlib import Path
 import pyarrow as pa
 
 from modlhmp.logs import job_log
-from modlhmp.scoring.summary import read_errors, scored_horizons
+from modlhmp.scoring.summary import at_horizons, read_errors, scored_horizons
 from modlhmp.scoring.ttests import compare
 from modlhmp.storage import provenance, write_parquet
 
 with job_log(snakemake.log[0]) as log:
     dataset = snakemake.params.dataset
-    errors = {Path(file).stem: read_errors(file) for file in snakemake.input}
     horizons = scored_horizons(snakemake.params.horizons, dataset)
-    tests = compare(dataset["name"], errors, snakemake.params.pairs, horizons, dataset["time_step_s"])
+    errors = {
+        Path(file).stem: at_horizons(read_errors(file), horizons, dataset["time_step_s"]) for file in snakemake.input
+    }
+    tests = compare(dataset["name"], errors, snakemake.params.pairs, horizons)
     log.info("%d tests", len(tests))
     origin = provenance(dict(snakemake.wildcards), dict(snakemake.params), snakemake.input)
     write_parquet(pa.Table.from_pandas(tests, preserve_index=False), snakemake.output[0], **origin)

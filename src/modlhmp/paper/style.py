@@ -65,6 +65,11 @@ def method_style(position):
     }
 
 
+def line_of(position):
+    """A line for legends in the style of a position."""
+    return plt.Line2D([], [], **method_style(position))
+
+
 def figure(rows, columns, width_mm=COLUMN_MM, height_mm=60.0, **options):
     """A figure of printed size and its axes, always as a 2-d array."""
     return plt.subplots(rows, columns, figsize=(width_mm * MM, height_mm * MM), squeeze=False, **options)

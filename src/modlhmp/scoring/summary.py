@@ -13,6 +13,7 @@ COLUMNS = (
     "own_ade_m", "own_fde_m", "own_n", "infeasible", "truth_infeasible",
 )  # fmt: skip
 
+METRICS = ("ade", "fde", "infeasible")
 OUTPUTS = ("ranked", "median", "mean", "single")  # the first that a method has stands for it
 
 
@@ -39,7 +40,7 @@ class Errors(NamedTuple):
 def read_errors(path):
     """An errors file as {(output, protocol): `Errors`}."""
     table = read_parquet(path)
-    metrics = [name for name in ("ade", "fde", "infeasible") if name in table.column_names]
+    metrics = [name for name in METRICS if name in table.column_names]
     steps = table.schema.field("ade").type.list_size
     values = {name: table[name].combine_chunks().flatten().to_numpy().reshape(-1, steps) for name in metrics}
     rows = table.drop_columns(metrics).to_pandas()
@@ -91,6 +92,17 @@ def summarise(dataset, method, errors, step_s):
                 entered[step], truth_entered[step],
             ))  # fmt: skip
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def at_horizons(errors, horizons_s, step_s):
+    """Errors with their seeds averaged, [1, tracks, H], at these horizons only: what comparisons of methods need."""
+    steps = [round(horizon / step_s) - 1 for horizon in horizons_s]
+    reduced = {}
+    for key, one in errors.items():
+        values = {m: one.by_track(m)[None, :, steps] for m in METRICS if getattr(one, m) is not None}
+        truth = None if one.truth_infeasible is None else one.truth_infeasible[:, steps]
+        reduced[key] = Errors(one.keys, eligible_steps=one.eligible_steps, truth_infeasible=truth, **values)
+    return reduced
 
 
 def at_own_length(by_track, eligible_steps):

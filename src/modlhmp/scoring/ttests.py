@@ -41,11 +41,11 @@ def holm(p):
     return adjusted
 
 
-def compare(dataset, errors, pairs, horizons, step_s):
+def compare(dataset, errors, pairs, horizons):
     """Test every pair of methods at every horizon, ADE and FDE, both protocols.
 
-    `errors` maps a method to what `summary.read_errors` gives; `pairs` lists (method, against). Holm's correction is
-    over all tests of one dataset and protocol. Returns a DataFrame.
+    `errors` maps a method to what `summary.at_horizons` gives for `horizons`; `pairs` lists (method, against). Holm's
+    correction is over all tests of one dataset and protocol. Returns a DataFrame.
     """
     rows = []
     for protocol in PROTOCOLS:
@@ -55,9 +55,8 @@ def compare(dataset, errors, pairs, horizons, step_s):
             _, at_a, at_b = np.intersect1d(a.keys, b.keys, return_indices=True)
             for metric in ("ade", "fde"):
                 mine, other = a.by_track(metric)[at_a], b.by_track(metric)[at_b]
-                for horizon in horizons:
-                    step = round(horizon / step_s) - 1
-                    test = paired_test(mine[:, step], other[:, step])
+                for column, horizon in enumerate(horizons):
+                    test = paired_test(mine[:, column], other[:, column])
                     rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *test, np.nan))
     table = pd.DataFrame(rows, columns=COLUMNS)
     if len(table):

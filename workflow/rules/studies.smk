@@ -1,0 +1,98 @@
+# Parameter studies: a method with one parameter of its roll-out varied.
+#
+# INPUTS   clean test tracks, the method's map
+# OUTPUTS  results/{run}/{dataset}/studies/{parameter}/{value}.parquet (errors only);
+#          paper_figures/{run}/parameter-{label}.{csv,pdf,png}
+# STEPS    study_parameter, figure_parameters; studies collects them
+STUDY = config["studies"]
+STUDIED = [
+    name for name in ("beta", "sampling_radius_m") if STUDY[name]
+]  # an empty list: not studied
+STUDY_METHOD = {
+    "name": STUDY["method"],
+    "kind": config["methods"][STUDY["method"]]["kind"],
+    "options": {
+        **config["rollout"],
+        **config["methods"][STUDY["method"]].get("options", {}),
+    },
+}
+
+
+rule study_parameter:
+    """Errors of one method on a fixed sample of the test tracks, for every value of one parameter."""
+    input:
+        tracks=track_files("test"),
+        map=lambda wildcards: map_path(
+            f"results/{RUN}/{wildcards.dataset}/maps", STUDY_METHOD["kind"]
+        ),
+    output:
+        directory(f"results/{RUN}/{{dataset}}/studies/{{parameter}}"),
+    log:
+        f"results/{RUN}/logs/study_parameter/{{dataset}}/{{parameter}}.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/study_parameter/{{dataset}}/{{parameter}}.tsv"
+    wildcard_constraints:
+        parameter="beta|sampling_radius_m",
+    resources:
+        mem_mb=1500,
+        runtime=60,
+    params:
+        method=STUDY_METHOD,
+        values=lambda wildcards: STUDY[wildcards.parameter],
+        max_tracks=STUDY["max_tracks"],
+        dataset=lambda wildcards: settings_of(wildcards.dataset, STUDY_KEYS),
+        recordings=lambda wildcards: [
+            r["name"] for r in recordings(wildcards.dataset, "test")
+        ],
+        seeds=config["seeds"],
+        code=code_version(
+            "modlhmp.forecasting",
+            "modlhmp.maps",
+            "modlhmp.scoring",
+            "modlhmp.tracks",
+        ),
+    message:
+        "Study {wildcards.parameter} on {wildcards.dataset}"
+    script:
+        "../scripts/study_parameter.py"
+
+
+rule figure_parameters:
+    """ADE against beta and against r_s over horizons (the paper's fig:parameter)."""
+    input:
+        lambda wildcards: expand(
+            f"results/{RUN}/{dataset_of_label(wildcards.label)}/studies/{{parameter}}",
+            parameter=STUDIED,
+        ),
+    output:
+        csv=f"{EXHIBITS}/parameter-{{label}}.csv",
+        pdf=f"{EXHIBITS}/parameter-{{label}}.pdf",
+        png=report(
+            f"{EXHIBITS}/parameter-{{label}}.png",
+            caption="../report/parameter.rst",
+            category="Studies",
+            labels={"exhibit": "ADE against beta and r_s", "dataset": "{label}"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_parameters/{{label}}.log",
+    resources:
+        mem_mb=1500,
+        runtime=10,
+    params:
+        dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
+        method=config["methods"][STUDY["method"]]["title"],
+        chosen=STUDY_METHOD["options"],
+        horizons=config["tables"]["horizons_s"],
+        code=code_version(
+            "modlhmp.paper.parameter_study", "modlhmp.scoring.summary", *PAPER_STYLE
+        ),
+    message:
+        "Figure parameter-{wildcards.label}"
+    script:
+        "../scripts/figure_parameters.py"
+
+
+rule studies:
+    """Every parameter study of the run."""
+    input:
+        expand(rules.figure_parameters.output, label=LABELS if STUDIED else []),
