@@ -147,11 +147,25 @@ def dataset_of_label(label):
 
 
 def table_files(label):
-    """The three forms of a table."""
-    return {kind: f"{EXHIBITS}/{label}.{kind}" for kind in ("csv", "tex", "md")}
+    """The forms of a table; the report shows the HTML one."""
+    return {
+        **{kind: f"{EXHIBITS}/{label}.{kind}" for kind in ("csv", "tex", "md")},
+        "html": report(
+            f"{EXHIBITS}/{label}.html",
+            caption=f"../report/{label}.rst",
+            category="Tables",
+            labels={"exhibit": TABLES[label], "dataset": "all"},
+        ),
+    }
 
 
 SETTINGS = [settings_of(name) for name in DATASETS]
 PAPER_STYLE = ("modlhmp.paper.style", "modlhmp.paper.selection", "modlhmp.floor_plan")
+TABLES = {
+    "tab_scenarios": "parameters",
+    "tab_expres": "results",
+    "tab_ttests": "t-tests",
+    "claims": "the paper's claims, tested",
+}
 LABELS = [dataset["label"] for dataset in DATASETS.values()]
 KINDS_RUN = {method["kind"] for method in METHODS.values()}

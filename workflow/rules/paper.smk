@@ -1,9 +1,10 @@
 # The exhibits, named after the paper's labels.
 #
 # INPUTS   paper_figures/{run}/results.csv, the t-tests, the maps
-# OUTPUTS  paper_figures/{run}/<label>.{csv,tex,md} for tables, .{pdf,png,csv} for figures
-# STEPS    table_parameters, table_results, table_ttests, figure_horizon_errors, figure_ranking, figure_hourly_maps;
-#          tables, figures collect them
+# OUTPUTS  paper_figures/{run}/<label>.{csv,tex,md,html} for tables, .{pdf,png,csv} for figures
+# STEPS    table_parameters, table_results, table_ttests, table_claims, figure_horizon_errors, figure_ranking,
+#          figure_coverage; tables, figures collect them
+TABLE_CODE = ("modlhmp.paper.tables", "modlhmp.paper.table_forms")
 
 
 rule table_parameters:
@@ -25,7 +26,7 @@ rule table_parameters:
         datasets=SETTINGS,
         rollout=config["rollout"],
         maps=config["maps"],
-        code=code_version("modlhmp.paper.tables", "modlhmp.forecasting.observe"),
+        code=code_version(*TABLE_CODE, "modlhmp.forecasting.observe"),
     message:
         "Table of parameters"
     script:
@@ -37,14 +38,7 @@ rule table_results:
     input:
         results=rules.summarise_results.output[0],
     output:
-        csv=f"{EXHIBITS}/tab_expres.csv",
-        tex=f"{EXHIBITS}/tab_expres.tex",
-        md=report(
-            f"{EXHIBITS}/tab_expres.md",
-            caption="../report/tab_expres.rst",
-            category="Tables",
-            labels={"exhibit": "results", "run": RUN},
-        ),
+        **table_files("tab_expres"),
     log:
         f"results/{RUN}/logs/table_results.log",
     resources:
@@ -54,7 +48,7 @@ rule table_results:
         datasets=SETTINGS,
         methods=TITLES,
         horizons=config["tables"]["horizons_s"],
-        code=code_version("modlhmp.paper.tables", "modlhmp.paper.selection"),
+        code=code_version(*TABLE_CODE, "modlhmp.paper.selection"),
     message:
         "Table of results"
     script:
@@ -75,11 +69,52 @@ rule table_ttests:
     params:
         datasets=SETTINGS,
         methods=TITLES,
-        code=code_version("modlhmp.paper.tables"),
+        code=code_version(*TABLE_CODE),
     message:
         "Table of t-tests"
     script:
         "../scripts/table_ttests.py"
+
+
+def measured_runtimes(_wildcards):
+    """Input function: what `snakemake runtime` has measured so far; it is never run for the claims' sake."""
+    files = (Path(f"results/{RUN}/{name}/runtime.json") for name in DATASETS)
+    return [str(file) for file in files if file.exists()]
+
+
+rule table_claims:
+    """Every claim of the paper's results section beside our test of it."""
+    input:
+        tracks=rules.table_parameters.input.tracks,
+        errors=rules.summarise_results.input,
+        studies=expand(
+            f"results/{RUN}/{{dataset}}/studies/{{parameter}}",
+            dataset=DATASETS,
+            parameter=STUDIED if STUDY["method"] == "tc_cliff" else [],
+        ),
+        runtime=measured_runtimes,
+    output:
+        **table_files("claims"),
+    log:
+        f"results/{RUN}/logs/table_claims.log",
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        datasets=SETTINGS,
+        titles=TITLES,
+        kinds={name: method["kind"] for name, method in METHODS.items()},
+        horizons=config["tables"]["horizons_s"],
+        code=code_version(
+            "modlhmp.paper.claims",
+            "modlhmp.paper.table_forms",
+            "modlhmp.forecasting.observe",
+            "modlhmp.scoring",
+        ),
+    message:
+        "Table of claims"
+    script:
+        "../scripts/table_claims.py"
 
 
 rule figure_horizon_errors:
@@ -137,6 +172,34 @@ rule figure_ranking:
         "../scripts/figure_ranking.py"
 
 
+rule figure_coverage:
+    """What share of the eligible tracks each method scores at each horizon."""
+    input:
+        results=rules.summarise_results.output[0],
+    output:
+        csv=f"{EXHIBITS}/coverage.csv",
+        pdf=f"{EXHIBITS}/coverage.pdf",
+        png=report(
+            f"{EXHIBITS}/coverage.png",
+            caption="../report/coverage.rst",
+            category="Figures",
+            labels={"exhibit": "coverage", "dataset": "all"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_coverage.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        datasets=SETTINGS,
+        methods=TITLES,
+        code=code_version("modlhmp.paper.coverage", *PAPER_STYLE),
+    message:
+        "Figure coverage"
+    script:
+        "../scripts/figure_coverage.py"
+
+
 rule tables:
     """Every table of the run."""
     input:
@@ -144,6 +207,7 @@ rule tables:
         rules.table_parameters.output,
         rules.table_results.output,
         rules.table_ttests.output,
+        rules.table_claims.output,
 
 
 rule figures:
@@ -152,4 +216,5 @@ rule figures:
         expand(rules.figure_horizon_errors.output, label=LABELS),
         MAP_FIGURES,
         FORECAST_FIGURES,
+        rules.figure_coverage.output,
         rules.figure_ranking.output if "tc_cliff" in METHODS else [],

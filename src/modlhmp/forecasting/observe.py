@@ -35,6 +35,15 @@ def usable_tracks(tracks, observed_rows=4):
     return np.column_stack([first, last])[usable]
 
 
+def seconds_after_t0(recordings, observed_rows=4):
+    """Seconds from t0 to the end of every usable track of several track tables, [n]."""
+    parts = [np.empty(0)]
+    for tracks in recordings:
+        rows = usable_tracks(tracks, observed_rows)
+        parts.append(tracks.t[rows[:, 1]] - tracks.t[rows[:, 0] + observed_rows - 1])
+    return np.concatenate(parts)
+
+
 def observe(tracks, rows, observed_rows=4):
     """The first `observed_rows` rows of the tracks whose first rows are `rows[:, 0]`."""
     seen = rows[:, :1] + np.arange(observed_rows)

@@ -1,11 +1,11 @@
-"""Tables tab_scenarios (parameters), tab_expres (results) and tab_ttests, as CSV, Markdown and LaTeX booktabs."""
+"""Tables tab_scenarios (parameters), tab_expres (results) and tab_ttests."""
 
 import numpy as np
 import pandas as pd
 
 from modlhmp.paper.selection import main_rows, scored_of
+from modlhmp.paper.table_forms import write_table
 from modlhmp.scoring.summary import scored_horizons
-from modlhmp.storage import write_text
 
 # ADE / FDE [m] of the paper's results table, and the horizons [s] that they are at.
 PUBLISHED_AT = {"atc": 60, "edinburgh": 20}
@@ -21,7 +21,6 @@ PUBLISHED = {
         "social_lstm": (3.835, 5.195), "lstm": (3.835, 5.201), "cvm": (7.919, 17.112),
     },
 }  # fmt: skip
-DEMO_NOTE = "Demo data (made-up people): not comparable with the paper."
 
 
 def write_parameters(datasets, rollout, cliff, stef, lengths, stem):
@@ -43,37 +42,49 @@ def write_parameters(datasets, rollout, cliff, stef, lengths, stem):
     table = pd.DataFrame({"parameter": list(rows)})
     for dataset in datasets:
         table[dataset["title"]] = [f"{value(dataset):g}" for value in rows.values()]
-    _write(table, stem, "Parameters", any(d["demo"] for d in datasets))
+    write_table(table, stem, "Parameters", any(d["demo"] for d in datasets))
 
 
 def write_results(results, datasets, methods, horizons, stem):
-    """Results table: ADE/FDE of every method at each dataset's longest horizon, both protocols, best in bold.
+    """Results table at each dataset's longest horizon: both protocols, own lengths, walls; best errors in bold.
 
-    The Markdown file adds all table horizons; `methods` maps names to titles in table order.
+    The Markdown and HTML files add all table horizons; `methods` maps names to titles in table order.
     """
     results = main_rows(results)
-    main = pd.DataFrame({"method": list(methods.values())})
+    blocks, others = [], []
     for dataset in datasets:
         rows = results[results["dataset"] == dataset["name"]]
-        for protocol in ("paper", "complete"):
-            head = f"{dataset['title']}, {dataset['horizon_s']:g} s, {protocol} protocol"
-            main = main.join(_cells(rows, methods, protocol, dataset["horizon_s"], head))
-        if dataset["paper_results"] and PUBLISHED_AT[dataset["paper_results"]] == dataset["horizon_s"]:
+        last = dataset["horizon_s"]
+        paper, complete = (_at(rows, methods, protocol, last) for protocol in ("paper", "complete"))
+        block = pd.DataFrame({"dataset": f"{dataset['title']}, {last:g} s", "method": list(methods.values())})
+        for name, at in (("paper protocol", paper), ("complete protocol", complete)):
+            block[f"{name}: ADE / FDE"] = _errors(at)
+            block[f"{name}: n"] = [_count(row) for _, row in at.iterrows()]
+        block["each track at its own length: ADE / FDE"] = _errors(complete, "own_ade_m", "own_fde_m")
+        block["own length: n"] = [f"{n:.0f}" if np.isfinite(n) else "not run" for n in complete["own_n"]]
+        block["into walls (truth) [%]"] = [_walls(row) for _, row in complete.iterrows()]
+        published = {}
+        if dataset["paper_results"] and PUBLISHED_AT[dataset["paper_results"]] == last:
             published = PUBLISHED[dataset["paper_results"]]
-            cells = ["{:.3f} / {:.3f}".format(*published[m]) if m in published else "–" for m in methods]
-            main[f"the paper, {dataset['horizon_s']:g} s (another experiment, see docs/results.md)"] = cells
-    demo = any(d["demo"] for d in datasets)
-    _write(main, stem, "ADE / FDE [m] (n scored / eligible)", demo)
-    text = ["", "## Every table horizon", ""]
-    for dataset in datasets:
-        rows = results[results["dataset"] == dataset["name"]]
+        cells = ["{:.3f} / {:.3f}".format(*published[m]) if m in published else "–" for m in methods]
+        block["the paper (another experiment)"] = cells
+        blocks.append(block)
         for protocol in ("paper", "complete"):
             table = pd.DataFrame({"method": list(methods.values())})
             for horizon in scored_horizons(horizons, dataset):
-                table = table.join(_cells(rows, methods, protocol, horizon, f"{horizon:g} s"))
-            text += [f"{dataset['title']}, {protocol} protocol", "", _markdown(table), ""]
-    with open(f"{stem}.md", "a", encoding="utf-8") as file:
-        file.write("\n".join(text))
+                at = _at(rows, methods, protocol, horizon)
+                cells = zip(_errors(at), (_count(row) for _, row in at.iterrows()), strict=True)
+                table[f"{horizon:g} s"] = [f"{errors} ({count})" for errors, count in cells]
+            others.append((f"{dataset['title']}, {protocol} protocol: ADE / FDE [m]", table))
+    spread = results["ade_seed_sd_m"].max()
+    note = (
+        "ADE / FDE in m: means over the seeds of a track, then over tracks; n: tracks scored / eligible. Both the own "
+        "lengths (a track counts at its own length, or at the horizon if it is longer) and the share of forecasts that "
+        "come 0.3 m inside a wall are of the complete protocol."
+    )
+    if np.isfinite(spread):
+        note += f" {results['seeds'].max():.0f} seeds; their mean ADE have an SD of at most {spread:.3f} m."
+    write_table(pd.concat(blocks), stem, "Results", any(d["demo"] for d in datasets), note, others)
 
 
 def write_ttests(tests, datasets, methods, stem):
@@ -89,60 +100,37 @@ def write_ttests(tests, datasets, methods, stem):
         shown[name] = shown[name].map("{:.3f}".format)
     for name in ("p", "p_holm"):
         shown[name] = shown[name].map("{:.2g}".format)
-    _write(shown, stem, "Paired one-sided t-tests (H1: method < against), Holm-corrected per dataset and protocol",
-           any(d["demo"] for d in datasets))  # fmt: skip
+    note = "H1: the error of `method` is smaller than that of `against`; Holm-corrected per dataset and protocol."
+    write_table(shown, stem, "Paired one-sided t-tests", any(d["demo"] for d in datasets), note)
 
 
-def _cells(rows, methods, protocol, horizon, head):
-    """Columns `head` (ADE / FDE) and its n, the best of each in bold."""
+def _at(rows, methods, protocol, horizon):
+    """Rows of a protocol and horizon in the order of `methods`, NaN for one that was not run."""
     at = rows[(rows["protocol"] == protocol) & np.isclose(rows["horizon_s"], horizon)].set_index("method")
-    at = at.reindex(list(methods))
-    best = [at[name].idxmin() if at[name].notna().any() else None for name in ("ade_m", "fde_m")]
-    errors = [
-        " / ".join(_bold(at.loc[m, name], m == b) for name, b in zip(("ade_m", "fde_m"), best, strict=True))
-        for m in methods
-    ]
-    counts = [_count(at.loc[m]) for m in methods]
-    return pd.DataFrame({head: [f"{e} ({c})" for e, c in zip(errors, counts, strict=True)]})
+    return at.reindex(list(methods))
+
+
+def _errors(at, *names):
+    """`ADE / FDE` of each row, the best of each in bold."""
+    names = names or ("ade_m", "fde_m")
+    best = [at[name].idxmin() if at[name].notna().any() else None for name in names]
+    return [" / ".join(_bold(at.loc[m, name], m == b) for name, b in zip(names, best, strict=True)) for m in at.index]
 
 
 def _count(row):
     """N of eligible and the coverage."""
     if not np.isfinite(row["n"]):
         return "not run"
-    share = f", {100 * row['n'] / row['eligible']:.0f} %" if row["eligible"] else ""
-    return f"n {scored_of(row)}{share}"
+    return scored_of(row) + (f", {100 * row['n'] / row['eligible']:.0f} %" if row["eligible"] else "")
+
+
+def _walls(row):
+    """Share [%] of the forecasts that come inside a wall, and of the true paths."""
+    if not np.isfinite(row["infeasible"]):
+        return "no floor plan" if np.isfinite(row["n"]) else "not run"
+    return f"{100 * row['infeasible']:.1f} ({100 * row['truth_infeasible']:.1f})"
 
 
 def _bold(value, bold):
     text = f"{value:.3f}" if np.isfinite(value) else "–"
     return f"**{text}**" if bold else text
-
-
-def _markdown(table):
-    """A GitHub table of a DataFrame."""
-    lines = [list(table.columns), ["---"] * len(table.columns), *table.astype(str).to_numpy().tolist()]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def _latex(table, note):
-    """Booktabs of a DataFrame; **bold** becomes textbf."""
-    escape = {"&": r"\&", "%": r"\%", "_": r"\_", "#": r"\#", "Δ": r"$\Delta$", "β": r"$\beta$", "–": "--"}
-
-    def cell(text):
-        parts = "".join(escape.get(c, c) for c in str(text)).split("**")
-        return "".join(rf"\textbf{{{part}}}" if i % 2 else part for i, part in enumerate(parts))
-
-    body = [" & ".join(map(cell, row)) + r" \\" for row in [list(table.columns), *table.to_numpy().tolist()]]
-    return "\n".join(
-        [f"% {note}", rf"\begin{{tabular}}{{{'l' * len(table.columns)}}}", r"\toprule",
-         body[0], r"\midrule", *body[1:], r"\bottomrule", r"\end{tabular}", ""]
-    )  # fmt: skip
-
-
-def _write(table, stem, title, demo):
-    note = DEMO_NOTE if demo else ""
-    plain = table.map(lambda cell: cell.replace("**", "") if isinstance(cell, str) else cell)
-    write_text(f"{stem}.csv", plain.to_csv(index=False))
-    write_text(f"{stem}.md", "\n\n".join(filter(None, [f"# {title}", note, _markdown(table)])) + "\n")
-    write_text(f"{stem}.tex", _latex(table, f"{title}. {note}"))

@@ -1,0 +1,72 @@
+"""The forms of a table: CSV, Markdown, HTML (for the report) and LaTeX booktabs, demo data labelled in each."""
+
+import html
+
+from modlhmp.storage import write_text
+
+DEMO_NOTE = "Demo data (made-up people): not comparable with the paper."
+
+
+def write_table(table, stem, heading, demo, note="", others=()):
+    """Write `table` in its four forms; `others` [(title, DataFrame)] follow it in Markdown and HTML."""
+    notes = [*([DEMO_NOTE] if demo else []), *([note] if note else [])]
+    plain = table.map(lambda cell: cell.replace("**", "") if isinstance(cell, str) else cell)
+    write_text(f"{stem}.csv", plain.to_csv(index=False))
+    parts = [f"# {heading}", *notes, _markdown(table)]
+    parts += [part for title, other in others for part in (f"## {title}", _markdown(other))]
+    write_text(f"{stem}.md", "\n\n".join(parts) + "\n")
+    write_text(f"{stem}.html", _html(heading, notes, [("", table), *others]))
+    write_text(f"{stem}.tex", _latex(table, " ".join([heading + ".", *notes])))
+
+
+def _markdown(table):
+    """A GitHub table of a DataFrame."""
+    lines = [list(table.columns), ["---"] * len(table.columns), *table.astype(str).to_numpy().tolist()]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _latex(table, note):
+    """Booktabs of a DataFrame; **bold** becomes textbf."""
+    escape = {
+        "&": r"\&",
+        "%": r"\%",
+        "_": r"\_",
+        "#": r"\#",
+        "Δ": r"$\Delta$",
+        "β": r"$\beta$",
+        "–": "--",
+        "<": "$<$",
+        ">": "$>$",
+        "±": r"$\pm$",
+    }
+
+    def cell(text):
+        parts = "".join(escape.get(c, c) for c in str(text)).split("**")
+        return "".join(rf"\textbf{{{part}}}" if i % 2 else part for i, part in enumerate(parts))
+
+    body = [" & ".join(map(cell, row)) + r" \\" for row in [list(table.columns), *table.to_numpy().tolist()]]
+    return "\n".join(
+        [f"% {note}", rf"\begin{{tabular}}{{{'l' * len(table.columns)}}}", r"\toprule",
+         body[0], r"\midrule", *body[1:], r"\bottomrule", r"\end{tabular}", ""]
+    )  # fmt: skip
+
+
+def _html(heading, notes, tables):
+    """A page of tables [(title, DataFrame)] for the report."""
+    style = (
+        "body{font:14px sans-serif;margin:1.5em}table{border-collapse:collapse;margin:1em 0}"
+        "th,td{padding:.25em .7em;text-align:left;border-bottom:1px solid #ddd}th{border-bottom:2px solid #000}"
+    )
+
+    def cell(text, tag):
+        parts = html.escape(str(text)).split("**")
+        inner = "".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts))
+        return f"<{tag}>{inner}</{tag}>"
+
+    page = [f"<!DOCTYPE html><meta charset=utf-8><title>{html.escape(heading)}</title><style>{style}</style>",
+            cell(heading, "h1"), *(cell(note, "p") for note in notes)]  # fmt: skip
+    for title, table in tables:
+        rows = ["".join(cell(name, "th") for name in table.columns)]
+        rows += ["".join(cell(value, "td") for value in row) for row in table.to_numpy().tolist()]
+        page += [cell(title, "h2") if title else "", "<table>", *(f"<tr>{row}</tr>" for row in rows), "</table>"]
+    return "\n".join(page) + "\n"
