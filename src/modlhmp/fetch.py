@@ -68,10 +68,10 @@ def check_sum(path, name=None, sha256=None, sums=None):
 
 
 def missing_message(file, expected_path, owner_page, title):
-    """What to tell the user about a recording that has to be fetched by hand."""
+    """What to tell the user about a file that has to be fetched by hand."""
     expected_path = Path(expected_path)
     return (
-        f"{title}: the recording {file} is missing and has no address to fetch it from.\n"
+        f"{title}: {file} is missing and has no address to fetch it from.\n"
         f"Get it from its owner's page: {owner_page}\n"
         f"and put {expected_path.name} (or the same name with .gz, .bz2 or .zip appended)\n"
         f"into the folder {expected_path.parent}\n"

@@ -106,7 +106,7 @@ def load_dataset(path, schema, data_root, demo_root=None):
 
     They lie under `data_root`, generated ones under `demo_root` where that is given.
 
-    `floor_plan` becomes the list of its two files, YAML and image; empty where there is none.
+    `floor_plan` becomes the list of its files, YAML and image (if the YAML is there); empty where there is none.
     Each of the returned `recordings` has `name`, `path`, `stored` (the file on disk: `path`, or the archive that it
     leads into) and `member` of it, `file` (`stored` under `data_root`), `exists`, `day`, `start` and `split`.
     A file that does not exist keeps the path where it is expected.
@@ -212,8 +212,8 @@ def _floor_plan_files(path, dataset, data_root):
     file = Path(data_root) / dataset["floor_plan"]
     if dataset["demo"]:  # made by the workflow
         return [str(file), str(file.with_suffix(".pgm"))]
-    if not file.exists():
-        raise DataError(f"{path}: floor_plan {file} does not exist; put it there, or write `floor_plan: null`")
+    if not file.exists():  # asked for like a missing recording
+        return [str(file)]
     if not image_of(file).exists():
         raise DataError(f"{file}: image {image_of(file)} does not exist; put it there, or correct `image`")
     return [str(file), str(image_of(file))]

@@ -18,6 +18,11 @@ from modlhmp.storage import DataError
 ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parents[1]
 
 
+def data_root():
+    """Folder of the recordings."""
+    return os.environ.get("MODLHMP_DATA") or config["data_root"]
+
+
 def load_schema(name):
     return yaml.safe_load(
         (ROOT / "workflow/schemas" / f"{name}.schema.yaml").read_text()
@@ -31,7 +36,7 @@ try:
         name: load_dataset(
             ROOT / "config/datasets" / f"{name}.yaml",
             load_schema("dataset"),
-            os.environ.get("MODLHMP_DATA") or config["data_root"],
+            data_root(),
             demo_root=f"resources/demo/{config['run']}",
         )
         for name in config["datasets"]

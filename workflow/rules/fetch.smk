@@ -12,6 +12,11 @@ MISSING = {
     for name, dataset in DATASETS.items()
     for recording in dataset["recordings"]
     if not dataset["demo"] and not recording["exists"]
+} | {
+    file: (name, os.path.relpath(file, data_root()))
+    for name, dataset in DATASETS.items()
+    for file in dataset["floor_plan"]
+    if not dataset["demo"] and not Path(file).exists()
 }
 
 
@@ -69,7 +74,7 @@ rule fetch_recording:
         file=lambda wildcards: MISSING[wildcards.missing][1],
         dataset=lambda wildcards: {
             key: DATASETS[MISSING[wildcards.missing][0]].get(key)
-            for key in ("title", "owner_page", "sources")
+            for key in ("title", "owner_page", "sources", "floor_plan")
         },
         missing=lambda wildcards: sorted(
             file

@@ -13,6 +13,8 @@ with job_log(snakemake.log[0]) as log:
         log.info("%s has been put there meanwhile", path)
     elif source is None:
         message = missing_message(file, path, dataset["owner_page"] or "not listed", dataset["title"])
+        if path in dataset["floor_plan"]:
+            message += "\nThis one is a floor plan: to do without, write `floor_plan: null` in the dataset file."
         raise DataError(f"{message}\nMissing of this dataset: {', '.join(snakemake.params.missing)}")
     else:
         fetch(source["url"], path, source.get("sha256"), snakemake.params.sums, name=file)

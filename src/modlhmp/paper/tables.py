@@ -74,7 +74,7 @@ def write_results(results, datasets, methods, horizons, stem):
             for horizon in scored_horizons(horizons, dataset):
                 at = _at(rows, methods, protocol, horizon)
                 cells = zip(_errors(at), (_count(row) for _, row in at.iterrows()), strict=True)
-                table[f"{horizon:g} s"] = [f"{errors} ({count})" for errors, count in cells]
+                table[f"{horizon:g} s"] = [f"{errors} (n {count})" for errors, count in cells]
             others.append((f"{dataset['title']}, {protocol} protocol: ADE / FDE [m]", table))
     spread = results["ade_seed_sd_m"].max()
     note = (
