@@ -2,13 +2,29 @@
 #
 # INPUTS   results/{run}/{dataset}/maps, floor plans
 # OUTPUTS  paper_figures/{run}/<label>.{pdf,png,csv}
-# STEPS    figure_hourly_maps; MAP_FIGURES collects them
+# STEPS    figure_cliff_hours, figure_stef_hours, figure_one_location, figure_mod_comparison; MAP_FIGURES collects them
 
 
-rule figure_hourly_maps:
+def maps_of_label(*names):
+    """Input function: maps of the dataset that a figure's label names."""
+
+    def files(wildcards):
+        folder = f"results/{RUN}/{dataset_of_label(wildcards.label)}/maps"
+        return [f"{folder}/{name}" for name in names]
+
+    return files
+
+
+def floor_plan_of_label(wildcards):
+    """Input function: the two files of that dataset's floor plan, if it has one."""
+    return DATASETS[dataset_of_label(wildcards.label)]["floor_plan"]
+
+
+rule figure_cliff_hours:
     """Time-conditioned CLiFF-maps of a few hours (the paper's fig:cliff-atc-time)."""
     input:
-        maps=lambda wildcards: f"results/{RUN}/{dataset_of_label(wildcards.label)}/maps/tc_cliff",
+        maps=maps_of_label("tc_cliff"),
+        floor_plan=floor_plan_of_label,
     output:
         csv=f"{EXHIBITS}/cliff-{{label}}-time.csv",
         pdf=f"{EXHIBITS}/cliff-{{label}}-time.pdf",
@@ -16,22 +32,124 @@ rule figure_hourly_maps:
             f"{EXHIBITS}/cliff-{{label}}-time.png",
             caption="../report/cliff-time.rst",
             category="Maps",
-            labels={"exhibit": "hourly TC-CLiFF maps", "dataset": "{label}"},
+            labels={"exhibit": "hourly TC-CLiFF-maps", "dataset": "{label}"},
         ),
     log:
-        f"results/{RUN}/logs/figure_hourly_maps/{{label}}.log",
+        f"results/{RUN}/logs/figure_cliff_hours/{{label}}.log",
     resources:
         mem_mb=1000,
         runtime=10,
     params:
         dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
-        code=code_version("modlhmp.paper.hourly_maps", *PAPER_STYLE),
+        code=code_version(
+            "modlhmp.paper.cliff_hours", "modlhmp.paper.map_panels", *PAPER_STYLE
+        ),
     message:
         "Figure cliff-{wildcards.label}-time"
     script:
-        "../scripts/figure_hourly_maps.py"
+        "../scripts/figure_cliff_hours.py"
 
 
-MAP_FIGURES = []  # of the maps that the compared methods build
-if "tc_cliff" in KINDS_RUN:
-    MAP_FIGURES += expand(rules.figure_hourly_maps.output, label=LABELS)
+rule figure_stef_hours:
+    """STeF-maps of a few hours (the paper's fig:stef-atc-time)."""
+    input:
+        maps=maps_of_label("stef"),
+        floor_plan=floor_plan_of_label,
+    output:
+        csv=f"{EXHIBITS}/stef-{{label}}-time.csv",
+        pdf=f"{EXHIBITS}/stef-{{label}}-time.pdf",
+        png=report(
+            f"{EXHIBITS}/stef-{{label}}-time.png",
+            caption="../report/stef-time.rst",
+            category="Maps",
+            labels={"exhibit": "hourly STeF-maps", "dataset": "{label}"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_stef_hours/{{label}}.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
+        code=code_version(
+            "modlhmp.paper.stef_hours", "modlhmp.paper.map_panels", *PAPER_STYLE
+        ),
+    message:
+        "Figure stef-{wildcards.label}-time"
+    script:
+        "../scripts/figure_stef_hours.py"
+
+
+rule figure_one_location:
+    """CLiFF at one busy location, every hour and the whole day (fig:cliff-atc-time-one-location)."""
+    input:
+        maps=maps_of_label("tc_cliff", "cliff.parquet"),
+    output:
+        csv=f"{EXHIBITS}/cliff-{{label}}-time-one-location.csv",
+        pdf=f"{EXHIBITS}/cliff-{{label}}-time-one-location.pdf",
+        png=report(
+            f"{EXHIBITS}/cliff-{{label}}-time-one-location.png",
+            caption="../report/one-location.rst",
+            category="Maps",
+            labels={"exhibit": "CLiFF at one location", "dataset": "{label}"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_one_location/{{label}}.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
+        code=code_version(
+            "modlhmp.paper.one_location", "modlhmp.paper.cliff_hours", *PAPER_STYLE
+        ),
+    message:
+        "Figure cliff-{wildcards.label}-time-one-location"
+    script:
+        "../scripts/figure_one_location.py"
+
+
+rule figure_mod_comparison:
+    """Time-conditioned CLiFF beside STeF at a few hours (the paper's fig:edin_mod)."""
+    input:
+        maps=maps_of_label("tc_cliff", "stef"),
+        floor_plan=floor_plan_of_label,
+    output:
+        csv=f"{EXHIBITS}/{{label}}_mod.csv",
+        pdf=f"{EXHIBITS}/{{label}}_mod.pdf",
+        png=report(
+            f"{EXHIBITS}/{{label}}_mod.png",
+            caption="../report/mod.rst",
+            category="Maps",
+            labels={"exhibit": "TC-CLiFF and STeF", "dataset": "{label}"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_mod_comparison/{{label}}.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
+        code=code_version(
+            "modlhmp.paper.mod_comparison",
+            "modlhmp.paper.cliff_hours",
+            "modlhmp.paper.stef_hours",
+            "modlhmp.paper.map_panels",
+            *PAPER_STYLE,
+        ),
+    message:
+        "Figure {wildcards.label}_mod"
+    script:
+        "../scripts/figure_mod_comparison.py"
+
+
+MAP_FIGURES = [  # of the maps that the compared methods build
+    expand(figure.output, label=LABELS)
+    for figure, kinds in (
+        (rules.figure_cliff_hours, {"tc_cliff"}),
+        (rules.figure_stef_hours, {"stef"}),
+        (rules.figure_one_location, {"tc_cliff", "cliff"}),
+        (rules.figure_mod_comparison, {"tc_cliff", "stef"}),
+    )
+    if kinds <= KINDS_RUN
+]

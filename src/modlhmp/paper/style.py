@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import LinearSegmentedColormap
 
-from modlhmp.floor_plan import OCCUPIED, UNKNOWN, load_floor_plan
+from modlhmp.floor_plan import load_floor_plan
 from modlhmp.storage import atomic_path, write_text
 
 mpl.use("Agg")
@@ -21,7 +21,8 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#
 _LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (7, 2)), (0, (2, 2)))
 _MARKERS = "osD^vPX*h"
 
-_WALL_GREY, _UNKNOWN_GREY = (150, 150, 150, 255), (232, 232, 232, 255)
+_PLAN_SHADES = np.repeat(np.array([255, 240, 205], np.uint8)[:, None], 3, axis=1)  # free, unknown, occupied
+_PLAN_PIXELS = 600  # of a floor plan's shorter side, at least
 
 # Cyclic colours of orientation: east blue, north orange, west red, south green.
 ORIENTATION = LinearSegmentedColormap.from_list(
@@ -91,10 +92,10 @@ def draw_floor_plan(axes, files):
         return
     plan = load_floor_plan(files[0])
     limits = axes.get_xlim(), axes.get_ylim()
-    shade = np.full((*plan.cells.shape, 4), 255, np.uint8)
-    shade[plan.cells == UNKNOWN] = _UNKNOWN_GREY
-    shade[plan.cells == OCCUPIED] = _WALL_GREY
-    rows, columns = plan.cells.shape
+    coarse = max(min(plan.cells.shape) // _PLAN_PIXELS, 1)
+    rows, columns = (size // coarse * coarse for size in plan.cells.shape)
+    blocks = plan.cells[:rows, :columns].reshape(rows // coarse, coarse, columns // coarse, coarse)
+    shade = _PLAN_SHADES[blocks.max(axis=(1, 3))]  # a wall within a pixel shows
     size = (0, columns * plan.resolution, 0, rows * plan.resolution)
     place = Affine2D().rotate(plan.yaw).translate(*plan.origin)
     axes.imshow(shade, origin="lower", extent=size, transform=place + axes.transData, interpolation="nearest", zorder=0)

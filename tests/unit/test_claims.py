@@ -1,0 +1,142 @@
+"""The table of claims: verdicts by hand on planted differences, and claims that cannot be tested yet."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from modlhmp.paper import claims
+from modlhmp.scoring.summary import Errors
+
+HALL = {
+    "title": "Hall",
+    "label": "atc",
+    "name": "hall",
+    "horizon_s": 60,
+    "time_step_s": 1.0,
+    "floor_plan": [],
+    "demo": True,
+}
+TITLES = {"tc_cliff": "TC-CLiFF", "cliff": "CLiFF", "stef": "STeF", "cvm": "CVM", "lstm": "LSTM"}
+KINDS = {name: name for name in TITLES}
+HORIZONS = [5, 10, 30.0, 60]
+
+
+def errors_of(mean, outputs=("ranked", "mean"), tracks=200, seed=0, spread=0.5):
+    """Errors [1, tracks, horizons] around a mean per horizon."""
+    rng = np.random.default_rng(seed)
+    ade = np.asarray(mean, float) + rng.normal(0, spread, (1, tracks, len(HORIZONS)))
+    keys = np.array([f"day/{n:03d}" for n in range(tracks)])
+    return {
+        (output, protocol): Errors(keys, ade, 2 * ade, np.full(tracks, 60))
+        for output in outputs
+        for protocol in ("paper", "complete")
+    }
+
+
+def evidence(**changes):
+    """Four methods: TC-CLiFF better than CLiFF everywhere, STeF better than both at 60 s."""
+    known = {
+        "dataset": HALL, "horizons": HORIZONS, "studies": {}, "lengths": np.linspace(1, 100, 300), "runtime": None,
+        "errors": {
+            "tc_cliff": errors_of([1, 2, 4, 8]), "cliff": errors_of([1.5, 2.5, 4.5, 8.5], seed=1),
+            "stef": errors_of([2, 3, 5, 7], seed=2), "cvm": errors_of([2, 4, 10, 20], ("single",), seed=3),
+        },
+    }  # fmt: skip
+    return claims.Evidence(**{**known, **changes})
+
+
+def verdicts(table, text):
+    """Verdicts of the rows whose test holds `text`."""
+    return set(table[table["our test"].str.contains(text, regex=False)]["verdict"])
+
+
+def test_planted_differences_get_their_verdicts():
+    table = claims.test_claims([evidence()], TITLES, KINDS)
+    assert verdicts(table, "ADE TC-CLiFF < CLiFF, 60 s") == {"supported"}
+    assert verdicts(table, "lower at every horizon") == {"supported"}
+    assert verdicts(table, "ADE TC-CLiFF < STeF, 60 s") == {"contradicted"}
+    row = table[table["our test"] == "ADE TC-CLiFF < CLiFF, 60 s"].iloc[0]
+    assert row["n"] == 200
+    assert row["mean difference"] == pytest.approx(-0.5, abs=0.15)
+    assert row["measured"].startswith(("7.9", "8.0"))
+
+
+def test_what_cannot_be_tested_says_so():
+    table = claims.test_claims([evidence()], TITLES, KINDS)
+    untested = table[table["verdict"] == "not tested"]
+    assert set(untested["our test"]) >= {"needs learned methods (none is compared here)", "needs a floor plan"}
+    assert (table["verdict"] != "").all()
+    assert set(table["claim"]) == {claim.text for claim in claims.CLAIMS.values() if "atc" in claim.labels}
+
+
+def test_one_method_only():
+    """No crash: every comparison is named as missing."""
+    table = claims.test_claims([evidence(errors={"cvm": errors_of([1, 2, 3, 4], ("single",))})], TITLES, KINDS)
+    assert set(table["verdict"]) <= {"not tested", "contradicted"}
+    assert verdicts(table, "needs tc_cliff, cliff among") == {"not tested"}
+
+
+def test_half_of_a_network_s_error():
+    """`over 50 % better` is a test against half the network's error."""
+    errors = {**evidence().errors, "lstm": errors_of([1, 1.8, 9, 18], ("single",), seed=4)}
+    table = claims.test_claims([evidence(errors=errors)], TITLES, KINDS)
+    assert verdicts(table, "ADE TC-CLiFF < 0.5 × LSTM, 60 s") == {"supported"}
+    assert verdicts(table, "ADE LSTM < TC-CLiFF, 10 s") == {"supported"}
+    errors["lstm"] = errors_of([1, 1.8, 9, 14], ("single",), seed=4)  # half of it is 7, TC-CLiFF has 8
+    table = claims.test_claims([evidence(errors=errors)], TITLES, KINDS)
+    assert verdicts(table, "ADE TC-CLiFF < 0.5 × LSTM, 60 s") == {"contradicted"}
+
+
+def test_gain_of_ranking_grows():
+    """Ranked is better by 0.1 m at 30 s and by 1 m at 60 s."""
+    mean = errors_of([1, 2, 4, 8])
+    ranked = {
+        ("ranked", protocol): one._replace(ade=one.ade - [0, 0, 0.1, 1.0])
+        for (output, protocol), one in errors_of([1, 2, 4, 8], seed=0).items()
+        if output == "ranked"
+    }
+    errors = {"tc_cliff": {**mean, **ranked}}
+    noise = np.random.default_rng(5).normal(0, 0.3, (1, 200, 4))
+    errors["tc_cliff"] |= {key: one._replace(ade=one.ade + noise) for key, one in ranked.items()}
+    table = claims.test_claims([evidence(errors=errors)], TITLES, KINDS)
+    assert verdicts(table, "gain at 60 s > gain at 30 s") == {"supported"}
+    assert verdicts(table, "ADE ranked < mean of the k, 60 s") == {"supported"}
+
+
+def test_studies_are_compared_by_value():
+    """β = 1 best: lower β is contradicted; r_s = 1 best: supported."""
+    study = {value: errors_of([1, 2, 4, base], seed=int(10 * value)) for value, base in ((0.1, 20), (1, 8), (10, 9))}
+    radius = {value: errors_of([1, 2, 4, base], seed=int(7 * value)) for value, base in ((0.5, 12), (1, 8), (3, 9))}
+    table = claims.test_claims([evidence(studies={"beta": study, "sampling_radius_m": radius})], TITLES, KINDS)
+    assert verdicts(table, "β = 0.1 < β = 10") == {"contradicted"}
+    assert verdicts(table, "β = 0.1 < β = 1, ") == {"contradicted"}
+    assert verdicts(table, "r_s = 1 < r_s = 0.5") == verdicts(table, "r_s = 1 < r_s = 3") == {"supported"}
+
+
+def test_the_percentile_has_an_interval():
+    """Lengths 1..100: the 90th percentile is 90, not the paper's 60; a sample around it supports 60."""
+    table = claims.test_claims([evidence()], TITLES, KINDS)
+    row = table[table["our test"].str.startswith("90th")].iloc[0]
+    assert row["verdict"] == "contradicted"
+    assert row["measured"] == "90.1 s"
+    close = evidence(lengths=np.random.default_rng(0).uniform(0, 60 / 0.9, 400))
+    assert verdicts(claims.test_claims([close], TITLES, KINDS), "90th") == {"supported"}
+
+
+def test_holm_is_over_a_dataset_and_protocol():
+    table = claims.test_claims([evidence()], TITLES, KINDS)
+    tested = table[table["p"].notna()]
+    for _, family in tested.groupby(["dataset", "protocol"]):
+        p = family["p"].to_numpy(float)
+        assert (family["p Holm"] >= p - 1e-15).all()
+        assert family["p Holm"].min() == pytest.approx(min(p.min() * len(p), 1))
+
+
+def test_an_unknown_dataset_is_asked_every_claim(tmp_path):
+    """And the table is written in all forms, labelled as demo."""
+    table = claims.test_claims([evidence(dataset={**HALL, "label": "own"})], TITLES, KINDS)
+    assert set(table["claim"]) == {claim.text for claim in claims.CLAIMS.values()}
+    claims.write_claims(table, True, str(tmp_path / "claims"))
+    assert "Demo data" in (tmp_path / "claims.md").read_text()
+    assert len(pd.read_csv(tmp_path / "claims.csv")) == len(table)
+    assert (tmp_path / "claims.html").read_text().count("<tr>") == len(table) + 1
