@@ -36,5 +36,5 @@ def read_components(folder, hour):
     """Components of an hour's CLiFF-map as a DataFrame with its hour, empty where the hour has no map."""
     path = Path(folder) / f"{hour:02d}.parquet"
     if not path.exists():
-        return pd.DataFrame(columns=[*COLUMNS, "location", "count"])
+        return pd.DataFrame(columns=[*COLUMNS, "location", "count"], dtype=float)
     return read_parquet(path).to_pandas().assign(hour=hour)
