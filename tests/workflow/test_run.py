@@ -1,25 +1,41 @@
 """The whole workflow on the tiny demo."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 from project import ROOT, Project
 
+from modlhmp.paper import style
 from modlhmp.scoring.summary import COLUMNS
 from modlhmp.storage import read_metadata
 
 pytestmark = pytest.mark.xdist_group("tiny")  # one worker makes the tiny run that all these tests look at
 TINY = ("--configfile", "config/tiny.yaml")
-EXHIBITS = {
-    *(f"{table}.{kind}" for table in ("tab_scenarios", "tab_expres", "tab_ttests") for kind in ("csv", "md", "tex")),
+TABLES = ("tab_scenarios", "tab_expres", "tab_ttests", "claims")
+FIGURES = (
+    *("rank", "prediction_example", "rank-metrics", "coverage"),
     *(
-        f"{figure}.{kind}"
-        for figure in ("atc_final", "edin_final", "rank-metrics", "cliff-atc-time", "cliff-edin-time")
-        for kind in ("csv", "pdf", "png")
+        name.format(label)
+        for label in ("atc", "edin")
+        for name in (
+            "{}_final",
+            "cliff-{}-time",
+            "stef-{}-time",
+            "cliff-{}-time-one-location",
+            "{}_mod",
+            "parameter-{}",
+        )
     ),
+)
+EXHIBITS = {
+    *(f"{table}.{kind}" for table in TABLES for kind in ("csv", "md", "tex", "html")),
+    *(f"{figure}.{kind}" for figure in FIGURES for kind in ("csv", "pdf", "png")),
     "results.csv",
 }
 
@@ -39,8 +55,51 @@ def test_every_exhibit_is_there(tiny_run):
 
 def test_exhibits_say_demo(tiny_run):
     """Nobody can take the demo's tables for the paper's."""
-    for table in ("tab_scenarios", "tab_expres", "tab_ttests"):
-        assert "Demo data" in (tiny_run.folder / f"paper_figures/tiny/{table}.md").read_text()
+    for table in TABLES:
+        for kind in ("md", "html", "tex"):
+            assert "Demo data" in (tiny_run.folder / f"paper_figures/tiny/{table}.{kind}").read_text()
+
+
+def test_figures_have_their_printed_width(tiny_run):
+    """A column's or a page's, in both forms; no PDF of a megabyte."""
+    for figure in FIGURES:
+        stem = tiny_run.folder / f"paper_figures/tiny/{figure}"
+        width = Image.open(stem.with_suffix(".png")).size[0] / 300 * 25.4
+        assert min(abs(width - style.COLUMN_MM), abs(width - style.PAGE_MM)) < 0.5, figure
+        pdf = stem.with_suffix(".pdf").read_bytes()
+        (box,) = set(re.findall(rb"/MediaBox \[ 0 0 ([0-9.]+) ", pdf))
+        assert float(box) / 72 * 25.4 == pytest.approx(width, abs=0.5), figure
+        assert len(pdf) < 1e6, figure
+
+
+def test_walls_stand_beside_the_truth_s(tiny_run):
+    """The hall has a plan, and nobody in it walks into a wall; the forum has none."""
+    results = pd.read_csv(tiny_run.folder / "paper_figures/tiny/results.csv")
+    hall, forum = (results[results["dataset"] == name] for name in ("demo_hall", "demo_forum"))
+    assert (hall.loc[hall["n"] > 0, "truth_infeasible"] == 0).all()
+    cvm = hall[(hall["method"] == "cvm") & (hall["horizon_s"] == 60) & (hall["protocol"] == "complete")]
+    assert (cvm["infeasible"] > 0.3).all()
+    assert forum[["infeasible", "truth_infeasible"]].isna().all(axis=None)
+
+
+def test_the_study_s_default_is_the_table_s(tiny_run):
+    """β = 1 and r_s = 1 m of the studies are the run's own TC-CLiFF, to the last digit written."""
+    results = pd.read_csv(tiny_run.folder / "paper_figures/tiny/results.csv")
+    main = results[(results["method"] == "tc_cliff") & (results["output"] == "ranked")]
+    for label, dataset in (("atc", "demo_hall"), ("edin", "demo_forum")):
+        study = pd.read_csv(tiny_run.folder / f"paper_figures/tiny/parameter-{label}.csv")
+        for _, row in study[study["value"] == 1].iterrows():
+            same = main[(main["dataset"] == dataset) & (main["protocol"] == row["protocol"])]
+            same = same[same["horizon_s"] == row["horizon_s"]].iloc[0]
+            np.testing.assert_equal([row["ade_m"], row["n"]], [same["ade_m"], same["n"]])
+
+
+def test_every_claim_has_a_verdict(tiny_run):
+    """And the tests of learned methods, which do not exist yet, say so."""
+    claims = pd.read_csv(tiny_run.folder / "paper_figures/tiny/claims.csv")
+    assert claims["verdict"].notna().all()
+    assert set(claims["dataset"]) == {"Demo hall", "Demo forum"}
+    assert (claims["our test"] == "needs learned methods (none is compared here)").sum() >= 3
 
 
 def test_results_have_the_promised_columns_and_hold_together(tiny_run):
@@ -99,11 +158,18 @@ def test_one_core_gives_the_same_bits(tiny_run, project):
 
 
 def test_report_holds_the_exhibits(tiny_run):
-    """`--report` works offline and has the figures, the tables and the front page."""
+    """`--report` works offline: a front page, every exhibit with its caption, category and labels."""
     tiny_run.snakemake("--report", "report.html", *TINY)
     report = (tiny_run.folder / "report.html").read_text()
-    for text in ("atc_final.png", "rank-metrics.png", "cliff-edin-time.png", "tab_expres.md", "two protocols"):
-        assert text in report, text
+    shown = [f"paper_figures/tiny/{name}" for name in sorted(EXHIBITS) if name.endswith((".png", ".html"))]
+    for path in shown:
+        assert f"app.showResultInfo('{path}')" in report, f"the front page does not lead to {path}"
+        entry = report[report.index(f'"{path}": {{') :][:6000]
+        for key in ("caption", "category", "labels"):
+            assert re.search(rf'"{key}": (?!null|"",|{{}})', entry), f"{path} has no {key}"
+    for text in ("Two protocols stand", "were made up by the project", "which claims hold"):
+        assert text in report
+    assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=.https?:", report)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +177,10 @@ def test_report_holds_the_exhibits(tiny_run):
     [
         ("scoring/ttests.py", {"compare_methods", "table_ttests"}, {"build_cliff", "forecast_recording"}),
         ("maps/mean_shift.py", {"build_cliff", "build_tc_cliff"}, {"clean_recording", "build_stef"}),
-        ("paper/hourly_maps.py", {"figure_hourly_maps"}, {"figure_ranking", "build_tc_cliff"}),
+        ("paper/stef_hours.py", {"figure_stef_hours", "figure_mod_comparison"}, {"figure_ranking", "build_stef"}),
+        ("paper/claims.py", {"table_claims"}, {"table_results", "study_parameter"}),
+        ("scoring/studies.py", {"study_parameter", "figure_parameters"}, {"build_tc_cliff", "forecast_recording"}),
+        ("floor_plan.py", {"score_method", "figure_cliff_hours"}, {"forecast_recording", "table_parameters"}),
     ],
 )
 def test_an_edit_reruns_what_depends_on_it(tiny_run, tmp_path, module, rerun, untouched):
@@ -122,6 +191,21 @@ def test_an_edit_reruns_what_depends_on_it(tiny_run, tmp_path, module, rerun, un
     rules = planned(tiny_run.snakemake("-n", *TINY, PYTHONPATH=str(tmp_path / "src")))
     assert rerun <= rules
     assert not untouched & rules
+
+
+def test_a_style_line_changes_all_figures(tiny_run, tmp_path):
+    """Every rule that draws depends on the one style module, and nothing else does."""
+    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
+    style_file = tmp_path / "src/modlhmp/paper/style.py"
+    style_file.write_text(style_file.read_text().replace('"lines.linewidth": 1.0', '"lines.linewidth": 1.2'))
+    rules = planned(tiny_run.snakemake("-n", *TINY, PYTHONPATH=str(tmp_path / "src")))
+    drawing = {
+        rule
+        for file in (ROOT / "workflow/rules").glob("*.smk")
+        for rule in re.findall(r"^rule (figure_\w+):", file.read_text(), re.MULTILINE)
+    } - {"figure_runtime"}  # a target of its own
+    assert len(drawing) >= 10
+    assert rules - {"all", "figures", "studies"} == drawing
 
 
 def test_a_changed_option_reruns_what_reads_it(tiny_run):

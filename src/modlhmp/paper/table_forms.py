@@ -45,9 +45,11 @@ def _latex(table, note):
         return "".join(rf"\textbf{{{part}}}" if i % 2 else part for i, part in enumerate(parts))
 
     body = [" & ".join(map(cell, row)) + r" \\" for row in [list(table.columns), *table.to_numpy().tolist()]]
+    width = len(table.columns)
+    label = [rf"\multicolumn{{{width}}}{{l}}{{\footnotesize {cell(DEMO_NOTE)}}} \\"] if DEMO_NOTE in note else []
     return "\n".join(
-        [f"% {note}", rf"\begin{{tabular}}{{{'l' * len(table.columns)}}}", r"\toprule",
-         body[0], r"\midrule", *body[1:], r"\bottomrule", r"\end{tabular}", ""]
+        [f"% {note}", rf"\begin{{tabular}}{{{'l' * width}}}", r"\toprule",
+         body[0], r"\midrule", *body[1:], r"\bottomrule", *label, r"\end{tabular}", ""]
     )  # fmt: skip
 
 
