@@ -107,6 +107,7 @@ rule table_claims:
         horizons=config["tables"]["horizons_s"],
         code=code_version(
             "modlhmp.paper.claims",
+            "modlhmp.paper.runtime_figure",
             "modlhmp.paper.table_forms",
             "modlhmp.forecasting.observe",
             "modlhmp.scoring",

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from modlhmp.paper.runtime_figure import PUBLISHED_MAP_KB, PUBLISHED_MEMORY_MB, PUBLISHED_SECONDS
 from modlhmp.paper.table_forms import write_table
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.summary import main_output, nan_mean, scored_horizons
@@ -18,7 +19,7 @@ from modlhmp.scoring.ttests import holm, paired_test
 LEARNED = ("trajectronpp", "mid", "tutr", "social_lstm", "lstm")
 SHORT_S = {"atc": 10.0, "edin": 5.0}  # the paper's "short-term"
 PERCENTILE_S = {"atc": 60.0, "edin": 20.0}
-RUNTIME = {"seconds_per_track": {"atc": 0.11, "edin": 0.04}, "rss_mb": 273.0, "map_kb": 152.0}
+NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"
 ALL = ("atc", "edin")
 
 
@@ -205,15 +206,34 @@ def _length(one, _titles, _kinds):
 
 
 def _rate(one, _titles, _kinds):
-    return []
+    claimed = PUBLISHED_SECONDS.get(one.dataset["label"])
+    if one.runtime is None or claimed is None:
+        yield _row("", NO_RUNTIME, "", verdict="not tested")
+        return
+    seconds = one.runtime["seconds_per_track"]
+    text = f"at most {claimed:g} s a track, k = {one.runtime['k']}, {one.runtime['horizon_s']:g} s (another machine)"
+    row = _row("", text, f"{1000 * seconds:.3g} ms", verdict="supported" if seconds <= claimed else "contradicted")
+    yield {**row, "n": one.runtime["tracks"]}
 
 
 def _linear(one, _titles, _kinds):
-    return []
+    if one.runtime is None:
+        yield _row("", NO_RUNTIME, "", verdict="not tested")
+        return
+    for name, (slope, low, high) in one.runtime["exponents"].items():
+        verdict = "supported" if low <= 1 <= high else ("grows faster" if low > 1 else "grows more slowly")
+        row = _row("", f"the exponent of time in {name} is 1", f"{slope:.2f}", verdict=verdict)
+        yield {**row, "n": len(one.runtime["growth"][name]), "95 % CI": f"{low:.2f} to {high:.2f}"}
 
 
 def _size(one, _titles, _kinds):
-    return []
+    if one.runtime is None:
+        yield _row("", NO_RUNTIME, "", verdict="not tested")
+        return
+    for key, claimed, unit in (("memory_mb", PUBLISHED_MEMORY_MB, "MB"), ("map_kb", PUBLISHED_MAP_KB, "kB")):
+        ours = one.runtime[key]
+        verdict = "ours is smaller" if ours < claimed else "ours is larger"
+        yield _row("", f"{claimed:g} {unit}", f"{ours:.0f} {unit}", verdict=verdict)
 
 
 _TESTS = {

@@ -1,0 +1,128 @@
+"""The runtime study, without timing anything: what it counts, what it copies, and what becomes of its numbers."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from modlhmp.maps import cliff
+from modlhmp.paper import claims
+from modlhmp.paper.runtime_figure import draw
+from modlhmp.scoring.runtime import copied, exponent
+from modlhmp.storage import write_parquet
+from modlhmp.tracks import Tracks, write_tracks
+
+DATASET = {"name": "hall", "title": "Hall", "label": "atc", "observed_rows": 4, "horizon_s": 12.0, "time_step_s": 1.0,
+           "timezone": "UTC", "velocity": "columns", "floor_plan": [], "demo": True}  # fmt: skip
+OPTIONS = {"k": 3, "beta": 1.0, "sampling_radius_m": 1.0, "speed": "constant"}
+
+
+def people(number, rows=20):
+    """Walkers with a noisy heading, all within one clock hour."""
+    rng = np.random.default_rng(number)
+    heading = rng.normal(0, 0.5, (number, rows))
+    x, y = (np.cumsum(part(heading), axis=1).ravel() for part in (np.cos, np.sin))
+    t = np.tile(1.9e9 + np.arange(rows), number)
+    return Tracks(np.repeat(np.arange(number), rows), t, x, y, np.ones(len(t)), heading.ravel())
+
+
+def run(tmp_path, number):
+    """What the module prints for so many test people."""
+    write_parquet(cliff.build(people(60)), tmp_path / "tc_cliff/17.parquet")  # 1.9e9 is 17:46 UTC
+    write_tracks(people(number), tmp_path / "day.parquet")
+    task = {"map": str(tmp_path / "tc_cliff"), "kind": "tc_cliff", "options": OPTIONS, "dataset": DATASET,
+            "tracks": [str(tmp_path / "day.parquet")], "max_tracks": 25}  # fmt: skip
+    command = [sys.executable, "-m", "modlhmp.scoring.runtime"]
+    return subprocess.run(command, input=json.dumps(task), capture_output=True, text=True, check=False, timeout=300)
+
+
+def test_exponent_of_exact_powers():
+    sizes = np.array([10, 20, 50, 100, 300])
+    for power in (0.5, 1.0, 2.0):
+        slope, low, high = exponent(sizes, 3e-4 * sizes**power)
+        assert slope == pytest.approx(power, abs=1e-9)
+        assert low <= slope <= high
+    assert np.isnan(exponent([1, 2], [1.0, 2.0])).all()
+
+
+def test_exponent_s_interval_covers_the_truth():
+    """Noisy linear growth: about 95 % of the intervals hold 1."""
+    rng = np.random.default_rng(0)
+    sizes = np.geomspace(10, 1000, 6)
+    held = [low <= 1 <= high for _, low, high in
+            (exponent(sizes, sizes * np.exp(rng.normal(0, 0.1, 6))) for _ in range(400))]  # fmt: skip
+    assert 0.9 < np.mean(held) < 0.99
+
+
+def test_copies_of_a_map_are_out_of_reach():
+    table = cliff.build(people(60))
+    bigger = copied(table, 4)
+    assert bigger.num_rows == 4 * table.num_rows
+    assert len(np.unique(bigger["location"])) == 4 * len(np.unique(table["location"]))
+    x = np.sort(np.unique(bigger["x"]))
+    assert (np.diff(x) >= 99).sum() == 3
+    assert bigger.slice(0, table.num_rows).equals(table)
+
+
+def test_a_measurement(tmp_path):
+    """All quantities, with their units; counts exact; the copied maps gave the same forecasts, or it would fail."""
+    done = run(tmp_path, 40)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert (result["tracks"], result["k"], result["maps"], result["horizon_s"]) == (25, 3, 1, 12.0)
+    assert result["map_kb"] == pytest.approx((tmp_path / "tc_cliff/17.parquet").stat().st_size / 1000)
+    assert 50 < result["memory_of_imports_mb"] < result["memory_mb"] < 1000
+    low, high = result["seconds_per_track_range"]
+    assert 0 < low <= result["seconds_per_track"] <= high
+    locations = [row[0] for row in result["growth"]["M"]]
+    assert locations == [locations[0] * copies for copies in (1, 2, 4, 8, 16)]
+    lived = [row[2] for row in result["growth"]["T"]]
+    assert lived == sorted(lived)
+    assert 25 * 3 <= lived[-1] <= 25 * 3 * 12
+    assert result["growth"]["N"][-1][0] == 25
+    assert {"cpu", "cores", "python", "numba", "numpy"} == set(result["machine"])
+
+
+def test_too_few_people(tmp_path):
+    """One track can be measured, its growth has no exponent in N; none at all is said."""
+    result = json.loads(run(tmp_path, 1).stdout)
+    assert result["tracks"] == 1
+    assert np.isnan(result["exponents"]["N"][0])
+    done = run(tmp_path, 0)
+    assert done.returncode == 1
+    assert "hall: no usable test track" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def made_up(**changes):
+    """A result of the study."""
+    growth = {"N": [[1, 1e-3], [2, 2e-3], [4, 4e-3]], "T": [[1, 1e-3, 5], [2, 2e-3, 9]], "M": [[9, 1e-3], [18, 1e-3]]}
+    return {
+        "tracks": 7, "k": 5, "horizon_s": 60, "repetitions": 5, "seconds_per_track": 1e-4, "latency_s": 2e-3,
+        "latency_90th_s": 3e-3, "seconds_per_track_range": [1e-4, 2e-4], "memory_mb": 200.0,
+        "memory_of_imports_mb": 150.0, "map_kb": 160.0, "maps": 11, "growth": growth,
+        "exponents": {"N": [1.0, 0.9, 1.1], "T": [0.5, 0.4, 0.6], "M": [0.0, -0.1, 0.1]},
+        "machine": {"cpu": "a CPU", "cores": 2, "python": "3.11", "numba": "0.60", "numpy": "2.0"}, **changes,
+    }  # fmt: skip
+
+
+def test_figure_holds_the_numbers(tmp_path):
+    nothing = [float("nan")] * 3
+    other = made_up(exponents={"N": nothing, "T": nothing, "M": nothing})
+    draw([made_up(), other], [DATASET, {**DATASET, "name": "own", "label": "own"}], "TC-CLiFF", str(tmp_path / "f"))
+    table = pd.read_csv(tmp_path / "f.csv").set_index(["dataset", "quantity"])
+    assert table.loc[("hall", "memory_mb"), "value"].item() == 200
+    assert table.loc[("own", "seconds against N"), "value"].tolist() == [1e-3, 2e-3, 4e-3]
+
+
+def test_claims_about_the_runtime():
+    """Verdicts by hand: faster, linear in N, slower growth in T and M, less memory, a larger map."""
+    one = claims.Evidence(DATASET, [12.0], {}, {}, np.empty(0), made_up())
+    table = claims.test_claims([one], {}, {}).set_index("our test")["verdict"]
+    assert table["at most 0.11 s a track, k = 5, 60 s (another machine)"] == "supported"
+    assert table["the exponent of time in N is 1"] == "supported"
+    assert table["the exponent of time in T is 1"] == table["the exponent of time in M is 1"] == "grows more slowly"
+    assert (table["273 MB"], table["152 kB"]) == ("ours is smaller", "ours is larger")
