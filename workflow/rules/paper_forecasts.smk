@@ -1,8 +1,94 @@
 # Figures of example forecasts, named after the paper's labels.
 #
-# INPUTS   clean test tracks, forecasts, floor plans
+# INPUTS   clean test tracks, forecasts and errors of every method, floor plans
 # OUTPUTS  paper_figures/{run}/<label>.{pdf,png,csv}
-# STEPS    FORECAST_FIGURES collects them
+# STEPS    figure_ranked_forecasts, figure_prediction_examples; FORECAST_FIGURES collects them
+EXAMPLE_FILES = [
+    f"results/{RUN}/{dataset}/{file}"
+    for dataset in DATASETS
+    for file in (
+        *(f"tracks/{r['name']}.parquet" for r in recordings(dataset, "test")),
+        *(f"errors/{method}.parquet" for method in METHODS),
+        *(
+            f"forecasts/{method}/{r['name']}.parquet"
+            for method in METHODS
+            for r in recordings(dataset, "test")
+        ),
+    )
+]
 
 
-FORECAST_FIGURES = []
+rule figure_ranked_forecasts:
+    """The ranked futures of an example track of each dataset (the paper's fig:rank)."""
+    input:
+        EXAMPLE_FILES,
+        floor_plans=[file for one in DATASETS.values() for file in one["floor_plan"]],
+    output:
+        csv=f"{EXHIBITS}/rank.csv",
+        pdf=f"{EXHIBITS}/rank.pdf",
+        png=report(
+            f"{EXHIBITS}/rank.png",
+            caption="../report/rank.rst",
+            category="Forecasts",
+            labels={"exhibit": "ranked forecasts", "dataset": "all"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_ranked_forecasts.log",
+    resources:
+        mem_mb=1500,
+        runtime=10,
+    params:
+        folder=f"results/{RUN}",
+        datasets=SETTINGS,
+        methods=TITLES,
+        code=code_version(
+            "modlhmp.paper.ranked_forecasts",
+            "modlhmp.paper.paths",
+            "modlhmp.scoring.errors",
+            *PAPER_STYLE,
+        ),
+    message:
+        "Figure rank"
+    script:
+        "../scripts/figure_ranked_forecasts.py"
+
+
+rule figure_prediction_examples:
+    """What every method forecast for an example track (the paper's fig:prediction_example)."""
+    input:
+        EXAMPLE_FILES,
+        floor_plans=[file for one in DATASETS.values() for file in one["floor_plan"]],
+    output:
+        csv=f"{EXHIBITS}/prediction_example.csv",
+        pdf=f"{EXHIBITS}/prediction_example.pdf",
+        png=report(
+            f"{EXHIBITS}/prediction_example.png",
+            caption="../report/prediction_example.rst",
+            category="Forecasts",
+            labels={"exhibit": "forecasts of all methods", "dataset": "all"},
+        ),
+    log:
+        f"results/{RUN}/logs/figure_prediction_examples.log",
+    resources:
+        mem_mb=1500,
+        runtime=10,
+    params:
+        folder=f"results/{RUN}",
+        datasets=SETTINGS,
+        methods=TITLES,
+        code=code_version(
+            "modlhmp.paper.example_forecasts",
+            "modlhmp.paper.paths",
+            "modlhmp.scoring.errors",
+            *PAPER_STYLE,
+        ),
+    message:
+        "Figure prediction_example"
+    script:
+        "../scripts/figure_prediction_examples.py"
+
+
+FORECAST_FIGURES = [
+    rules.figure_ranked_forecasts.output,
+    rules.figure_prediction_examples.output,
+]

@@ -21,7 +21,8 @@ _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#
 _LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (7, 2)), (0, (2, 2)))
 _MARKERS = "osD^vPX*h"
 
-_PLAN_SHADES = np.repeat(np.array([255, 240, 205], np.uint8)[:, None], 3, axis=1)  # free, unknown, occupied
+_PLAN_GREYS = (255, 240, 205)  # free, unknown, occupied
+WALL_COLOUR = str(_PLAN_GREYS[2] / 255)
 _PLAN_PIXELS = 600  # of a floor plan's shorter side, at least
 
 # Cyclic colours of orientation: east blue, north orange, west red, south green.
@@ -95,7 +96,8 @@ def draw_floor_plan(axes, files):
     coarse = max(min(plan.cells.shape) // _PLAN_PIXELS, 1)
     rows, columns = (size // coarse * coarse for size in plan.cells.shape)
     blocks = plan.cells[:rows, :columns].reshape(rows // coarse, coarse, columns // coarse, coarse)
-    shade = _PLAN_SHADES[blocks.max(axis=(1, 3))]  # a wall within a pixel shows
+    greys = np.array(_PLAN_GREYS, np.uint8)[blocks.max(axis=(1, 3))]  # a wall within a pixel shows
+    shade = np.repeat(greys[..., None], 3, axis=-1)
     size = (0, columns * plan.resolution, 0, rows * plan.resolution)
     place = Affine2D().rotate(plan.yaw).translate(*plan.origin)
     axes.imshow(shade, origin="lower", extent=size, transform=place + axes.transData, interpolation="nearest", zorder=0)
