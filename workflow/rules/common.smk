@@ -151,6 +151,27 @@ def dataset_of_label(label):
     return next(name for name, dataset in DATASETS.items() if dataset["label"] == label)
 
 
+def maps_of_label(*names):
+    """Input function: maps of the dataset that a figure's label names."""
+
+    def files(wildcards):
+        folder = f"results/{RUN}/{dataset_of_label(wildcards.label)}/maps"
+        return [f"{folder}/{name}" for name in names]
+
+    return files
+
+
+def floor_plan_of_label(wildcards):
+    """Input function: the two files of that dataset's floor plan, if it has one."""
+    return DATASETS[dataset_of_label(wildcards.label)]["floor_plan"]
+
+
+def measured_runtimes(_wildcards):
+    """Input function: what `snakemake runtime` has measured so far; it is never run for the claims' sake."""
+    files = (Path(f"results/{RUN}/{name}/runtime.json") for name in DATASETS)
+    return [str(file) for file in files if file.exists()]
+
+
 def table_files(label):
     """The forms of a table; the report shows the HTML one."""
     return {

@@ -76,12 +76,6 @@ rule table_ttests:
         "../scripts/table_ttests.py"
 
 
-def measured_runtimes(_wildcards):
-    """Input function: what `snakemake runtime` has measured so far; it is never run for the claims' sake."""
-    files = (Path(f"results/{RUN}/{name}/runtime.json") for name in DATASETS)
-    return [str(file) for file in files if file.exists()]
-
-
 rule table_claims:
     """Every claim of the paper's results section beside our test of it."""
     input:

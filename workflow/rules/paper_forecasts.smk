@@ -38,7 +38,6 @@ rule figure_ranked_forecasts:
         mem_mb=1500,
         runtime=10,
     params:
-        folder=f"results/{RUN}",
         datasets=SETTINGS,
         methods=TITLES,
         code=code_version(
@@ -73,7 +72,6 @@ rule figure_prediction_examples:
         mem_mb=1500,
         runtime=10,
     params:
-        folder=f"results/{RUN}",
         datasets=SETTINGS,
         methods=TITLES,
         code=code_version(

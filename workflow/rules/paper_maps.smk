@@ -5,21 +5,6 @@
 # STEPS    figure_cliff_hours, figure_stef_hours, figure_one_location, figure_mod_comparison; MAP_FIGURES collects them
 
 
-def maps_of_label(*names):
-    """Input function: maps of the dataset that a figure's label names."""
-
-    def files(wildcards):
-        folder = f"results/{RUN}/{dataset_of_label(wildcards.label)}/maps"
-        return [f"{folder}/{name}" for name in names]
-
-    return files
-
-
-def floor_plan_of_label(wildcards):
-    """Input function: the two files of that dataset's floor plan, if it has one."""
-    return DATASETS[dataset_of_label(wildcards.label)]["floor_plan"]
-
-
 rule figure_cliff_hours:
     """Time-conditioned CLiFF-maps of a few hours (the paper's fig:cliff-atc-time)."""
     input:

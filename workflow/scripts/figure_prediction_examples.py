@@ -1,8 +1,10 @@
 """Rule figure_prediction_examples."""
 
+from pathlib import Path
+
 from modlhmp.logs import job_log
 from modlhmp.paper.example_forecasts import draw
 
 with job_log(snakemake.log[0]):
-    params = snakemake.params
-    draw(params.folder, params.datasets, params.methods, snakemake.output.csv.removesuffix(".csv"))
+    params, folder = snakemake.params, Path(snakemake.input[0]).parents[2]  # results/{run}
+    draw(folder, params.datasets, params.methods, snakemake.output.csv.removesuffix(".csv"))
