@@ -160,6 +160,7 @@ rule figure_ranking:
         runtime=10,
     params:
         datasets=SETTINGS,
+        title=config["methods"]["tc_cliff"]["title"],
         code=code_version("modlhmp.paper.ranking_gain", *PAPER_STYLE),
     message:
         "Figure rank-metrics"

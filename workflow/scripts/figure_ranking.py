@@ -7,4 +7,5 @@ from modlhmp.paper.ranking_gain import draw
 
 with job_log(snakemake.log[0]):
     results = pd.read_csv(snakemake.input.results)
-    draw(results, snakemake.params.datasets, "tc_cliff", snakemake.output.csv.removesuffix(".csv"))
+    stem = snakemake.output.csv.removesuffix(".csv")
+    draw(results, snakemake.params.datasets, "tc_cliff", snakemake.params.title, stem)

@@ -6,16 +6,16 @@ from modlhmp.paper.selection import scored_of
 LINES = {"ranked": ("with ranking", 0), "mean": ("without (mean of k)", 1)}
 
 
-def draw(results, datasets, method, stem):
-    """One column a dataset, one row a protocol; `datasets` is a list of settings."""
+def draw(results, datasets, method, title, stem):
+    """One column a dataset, one row a protocol; `datasets` is a list of settings, `title` names the method."""
     rows = results[(results["method"] == method) & results["output"].isin(LINES)]
-    fig, axes = style.figure(2, len(datasets), height_mm=88.0, sharex="col")
+    fig, axes = style.figure(2, len(datasets), height_mm=92.0, sharex="col")
     for column, dataset in enumerate(datasets):
         for line, protocol in enumerate(("paper", "complete")):
             ax = axes[line, column]
             one = rows[(rows["dataset"] == dataset["name"]) & (rows["protocol"] == protocol)]
             if one.empty:
-                style.empty_panel(ax, f"no {method} forecasts of {dataset['title']}")
+                style.empty_panel(ax, f"no {title} forecasts of {dataset['title']}")
                 continue
             for output, (label, position) in LINES.items():
                 curve = one[one["output"] == output].sort_values("horizon_s")
@@ -32,5 +32,6 @@ def draw(results, datasets, method, stem):
             if line == 1:
                 ax.set_xlabel("prediction horizon [s]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    fig.legend(handles, labels, loc="outside lower center", ncols=2)
+    note = f"{title}; n: tracks scored / eligible"
+    fig.legend(handles, labels, loc="outside lower center", ncols=2, title=note, title_fontsize=6)
     style.save(fig, stem, rows, any(dataset["demo"] for dataset in datasets))
