@@ -17,7 +17,7 @@ rule measure_runtime:
         f"results/{RUN}/{{dataset}}/runtime.json",
     log:
         f"results/{RUN}/logs/measure_runtime/{{dataset}}.log",
-    threads: workflow.cores  # alone
+    threads: 1000  # capped to all there are, so it runs alone
     resources:
         mem_mb=1500,
         runtime=15,
