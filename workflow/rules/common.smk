@@ -167,7 +167,7 @@ def floor_plan_of_label(wildcards):
 
 
 def measured_runtimes(_wildcards):
-    """Input function: what `snakemake runtime` has measured so far; it is never run for the claims' sake."""
+    """Input function: what `snakemake runtime` has measured; nothing until that target has been run."""
     files = (Path(f"results/{RUN}/{name}/runtime.json") for name in DATASETS)
     return [str(file) for file in files if file.exists()]
 

@@ -213,4 +213,5 @@ rule figures:
         MAP_FIGURES,
         FORECAST_FIGURES,
         rules.figure_coverage.output,
+        rules.figure_runtime.output if measured_runtimes(None) else [],
         rules.figure_ranking.output if "tc_cliff" in METHODS else [],
