@@ -7,6 +7,7 @@ import threading
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 from modlhmp.storage import file_sha256
 
@@ -141,6 +142,68 @@ def test_a_broken_dataset_file_is_named(own, wrong, message):
     assert "own.yaml" in output
     assert message in output
     assert "Traceback" not in output
+
+
+ONE_METHOD = """
+run: own
+datasets: [own]
+data_root: recordings
+seeds: [0]
+compare: [cvm]
+comparisons: []
+studies: {beta: [], sampling_radius_m: []}
+"""
+
+
+def test_one_method_without_a_map_and_a_floor_plan(own):
+    """No map is built, no figure of one is drawn, claims say what they need; walls are counted and drawn."""
+    (own.folder / "own.yaml").write_text(ONE_METHOD)
+    with (own.folder / "config/datasets/own.yaml").open("a") as file:
+        file.write("floor_plan: plan.yaml\n")
+    for name, seed in (("monday", 1), ("tuesday", 2)):
+        own_csv(own.folder / "recordings" / f"{name}.csv", 60, seed)  # they walk up to 72 m
+    plan = (
+        "image: plan.png\nresolution: 1.0\norigin: [-60, -60, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    )
+    (own.folder / "recordings/plan.yaml").write_text(plan)
+    cells = np.full((120, 120), 255, np.uint8)
+    cells[:, 80:90] = 0  # a wall at x from 20 m to 30 m, which they walk through
+    Image.fromarray(cells).save(own.folder / "recordings/plan.png")
+    own.snakemake(*OWN)
+    exhibits = {file.name for file in (own.folder / "paper_figures/own").iterdir()}
+    assert {"own_final.png", "coverage.png", "prediction_example.pdf", "rank.png", "claims.md"} <= exhibits
+    assert not [name for name in exhibits if name.startswith(("cliff-", "stef-", "parameter-", "rank-metrics"))]
+    assert not (own.folder / "results/own/own/maps").exists()
+    results = pd.read_csv(own.folder / "paper_figures/own/results.csv")
+    last = results[(results["horizon_s"] == 30) & (results["protocol"] == "complete")].iloc[0]
+    assert last["n"] == 60
+    assert last["infeasible"] == pytest.approx(last["truth_infeasible"], abs=0.05)
+    assert last["truth_infeasible"] == pytest.approx(0.5, abs=0.01)  # those who walk towards it
+    claims = pd.read_csv(own.folder / "paper_figures/own/claims.csv")
+    assert set(claims["verdict"]) == {"not tested"}
+
+
+def test_a_floor_plan_that_is_missing_or_bad(own):
+    """Asked for like a recording, with the way out; a bad one is named with its key."""
+    for name, seed in (("monday", 1), ("tuesday", 2)):
+        own_csv(own.folder / "recordings" / f"{name}.csv", 16, seed)
+    with (own.folder / "config/datasets/own.yaml").open("a") as file:
+        file.write("floor_plan: plan.yaml\n")
+    target = "results/own/own/errors/cvm.parquet"
+    output = own.snakemake(*OWN, "--", target, fails=True)
+    assert "plan.yaml is missing" in output
+    assert "write `floor_plan: null`" in output
+    (own.folder / "recordings/plan.yaml").write_text("image: plan.png\nresolution: none\n")
+    output = own.snakemake("-n", *OWN, fails=True)
+    assert "plan.yaml: the floor plan lacks origin, occupied_thresh, free_thresh" in output
+    assert "Traceback" not in output
+
+
+def test_a_study_of_a_method_without_a_map_is_refused(project):
+    """There is no beta to vary."""
+    (project.folder / "odd.yaml").write_text("studies: {method: cvm}\n")
+    output = project.snakemake("-n", "--configfile", "odd.yaml", fails=True)
+    assert "studies.method: cvm has no map" in output
 
 
 def test_a_file_put_there_during_the_run_is_kept(project):
