@@ -8,9 +8,7 @@ from matplotlib.path import Path as Polygon
 
 from modlhmp.readers import read_recording
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks
-
-MAX_GAP_S = 5.0
+from modlhmp.tracks import MAX_GAP_S, Tracks
 
 
 def clean_recording(path, dataset, recording):

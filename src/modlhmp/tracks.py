@@ -15,6 +15,7 @@ from modlhmp.storage import DataError, read_parquet, write_parquet
 
 COLUMNS = {"track_id": np.int64, "t": np.float64, "x": np.float64, "y": np.float64,
            "speed": np.float64, "heading": np.float64}  # fmt: skip
+MAX_GAP_S = 5.0  # a track with a longer gap between two rows is not one
 
 
 class Tracks(NamedTuple):

@@ -27,7 +27,7 @@ rule clean_recording:
         },
         sources=lambda wildcards: DATASETS[wildcards.dataset]["sources"],
         sums="resources/SHA256SUMS",
-        code=code_version("modlhmp.readers", "modlhmp.cleaning", "modlhmp.tracks"),
+        code=code_of("clean_recording"),
     message:
         "Clean {wildcards.dataset} {wildcards.recording}"
     script:

@@ -3,8 +3,6 @@
 # INPUTS   config/config.yaml and overlays, config/datasets/<name>.yaml, workflow/schemas/*
 # OUTPUTS  DATASETS, METHODS and the small functions below
 # STEPS    check the configuration, load the datasets, constrain the wildcards
-import hashlib
-import importlib.util
 import os
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from snakemake.exceptions import WorkflowError
 from modlhmp.maps import KINDS as MAP_KINDS, map_path
 from modlhmp.settings import check, check_config, check_datasets, load_dataset
 from modlhmp.storage import DataError
+from modlhmp.versions import code_version
 
 ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parents[1]
 
@@ -69,19 +68,9 @@ wildcard_constraints:
     label="[A-Za-z0-9_-]+",
 
 
-def code_version(*modules):
-    """Hash of modules or whole sub-packages: an edit reruns the rules whose result depends on them."""
-    digest = hashlib.sha256()
-    for module in modules:
-        origin = Path(importlib.util.find_spec(module).origin)
-        files = (
-            sorted(origin.parent.rglob("*.py"))
-            if origin.name == "__init__.py"
-            else [origin]
-        )
-        for file in files:
-            digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]
+def code_of(script):
+    """Hash of the code that a script's result depends on: an edit reruns exactly the rules that use it."""
+    return code_version(ROOT / f"workflow/scripts/{script}.py")
 
 
 # The keys of a dataset file that decide a stage's result; the others only name and draw.
@@ -186,7 +175,6 @@ def table_files(label):
 
 
 SETTINGS = [settings_of(name) for name in DATASETS]
-PAPER_STYLE = ("modlhmp.paper.style", "modlhmp.paper.selection", "modlhmp.floor_plan")
 TABLES = {
     "tab_scenarios": "parameters",
     "tab_expres": "results",

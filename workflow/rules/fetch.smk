@@ -34,7 +34,7 @@ rule make_demo_recording:
     params:
         day=lambda wildcards: DEMO_FILES[wildcards.file]._asdict(),
         demo=config["demo"],
-        code=code_version("modlhmp.demo"),
+        code=code_of("make_demo_recording"),
     message:
         "Demo recording {wildcards.file}"
     script:
@@ -52,7 +52,7 @@ rule make_demo_floor_plan:
         mem_mb=500,
         runtime=5,
     params:
-        code=code_version("modlhmp.demo"),
+        code=code_of("make_demo_floor_plan"),
     message:
         "Demo floor plan"
     script:

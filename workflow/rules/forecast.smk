@@ -23,7 +23,7 @@ rule forecast_recording:
         method=lambda wildcards: METHODS[wildcards.method],
         dataset=lambda wildcards: settings_of(wildcards.dataset, FORECAST_KEYS),
         seeds=config["seeds"],
-        code=code_version("modlhmp.forecasting", "modlhmp.maps", "modlhmp.tracks"),
+        code=code_of("forecast_recording"),
     message:
         "Forecast {wildcards.dataset} {wildcards.recording} with {wildcards.method}"
     script:

@@ -3,12 +3,6 @@
 # INPUTS   clean training tracks
 # OUTPUTS  results/{run}/{dataset}/maps: cliff.parquet, tc_cliff/{hour}.parquet, stef.parquet, stef/{hour}.parquet
 # STEPS    build_cliff, build_tc_cliff, build_stef
-CLIFF_CODE = code_version(
-    "modlhmp.maps.cliff",
-    "modlhmp.maps.swgmm",
-    "modlhmp.maps.mean_shift",
-    "modlhmp.tracks",
-)
 
 
 rule build_cliff:
@@ -26,7 +20,7 @@ rule build_cliff:
         runtime=60,
     params:
         options=config["maps"]["cliff"],
-        code=CLIFF_CODE,
+        code=code_of("build_cliff"),
     message:
         "CLiFF-map of {wildcards.dataset}"
     script:
@@ -50,7 +44,7 @@ rule build_tc_cliff:
         options=config["maps"]["cliff"],
         timezone=lambda wildcards: DATASETS[wildcards.dataset]["timezone"],
         hours=lambda wildcards: DATASETS[wildcards.dataset]["hours"],
-        code=CLIFF_CODE,
+        code=code_of("build_tc_cliff"),
     message:
         "Time-conditioned CLiFF-map of {wildcards.dataset}"
     script:
@@ -75,7 +69,7 @@ rule build_stef:
         options=config["maps"]["stef"],
         timezone=lambda wildcards: DATASETS[wildcards.dataset]["timezone"],
         hours=lambda wildcards: DATASETS[wildcards.dataset]["hours"],
-        code=code_version("modlhmp.maps.stef", "modlhmp.maps.fremen", "modlhmp.tracks"),
+        code=code_of("build_stef"),
     message:
         "STeF-map of {wildcards.dataset}"
     script:

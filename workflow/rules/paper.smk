@@ -4,7 +4,6 @@
 # OUTPUTS  paper_figures/{run}/<label>.{csv,tex,md,html} for tables, .{pdf,png,csv} for figures
 # STEPS    table_parameters, table_results, table_ttests, table_claims, figure_horizon_errors, figure_ranking,
 #          figure_coverage; tables, figures collect them
-TABLE_CODE = ("modlhmp.paper.tables", "modlhmp.paper.table_forms")
 
 
 rule table_parameters:
@@ -26,7 +25,7 @@ rule table_parameters:
         datasets=SETTINGS,
         rollout=config["rollout"],
         maps=config["maps"],
-        code=code_version(*TABLE_CODE, "modlhmp.forecasting.observe"),
+        code=code_of("table_parameters"),
     message:
         "Table of parameters"
     script:
@@ -48,7 +47,7 @@ rule table_results:
         datasets=SETTINGS,
         methods=TITLES,
         horizons=config["tables"]["horizons_s"],
-        code=code_version(*TABLE_CODE, "modlhmp.paper.selection"),
+        code=code_of("table_results"),
     message:
         "Table of results"
     script:
@@ -69,7 +68,7 @@ rule table_ttests:
     params:
         datasets=SETTINGS,
         methods=TITLES,
-        code=code_version(*TABLE_CODE),
+        code=code_of("table_ttests"),
     message:
         "Table of t-tests"
     script:
@@ -99,13 +98,7 @@ rule table_claims:
         titles=TITLES,
         kinds={name: method["kind"] for name, method in METHODS.items()},
         horizons=config["tables"]["horizons_s"],
-        code=code_version(
-            "modlhmp.paper.claims",
-            "modlhmp.paper.runtime_figure",
-            "modlhmp.paper.table_forms",
-            "modlhmp.forecasting.observe",
-            "modlhmp.scoring",
-        ),
+        code=code_of("table_claims"),
     message:
         "Table of claims"
     script:
@@ -133,7 +126,7 @@ rule figure_horizon_errors:
     params:
         dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
         methods=TITLES,
-        code=code_version("modlhmp.paper.horizon_errors", *PAPER_STYLE),
+        code=code_of("figure_horizon_errors"),
     message:
         "Figure {wildcards.label}_final"
     script:
@@ -161,7 +154,7 @@ rule figure_ranking:
     params:
         datasets=SETTINGS,
         title=config["methods"]["tc_cliff"]["title"],
-        code=code_version("modlhmp.paper.ranking_gain", *PAPER_STYLE),
+        code=code_of("figure_ranking"),
     message:
         "Figure rank-metrics"
     script:
@@ -189,7 +182,7 @@ rule figure_coverage:
     params:
         datasets=SETTINGS,
         methods=TITLES,
-        code=code_version("modlhmp.paper.coverage", *PAPER_STYLE),
+        code=code_of("figure_coverage"),
     message:
         "Figure coverage"
     script:

@@ -40,12 +40,7 @@ rule figure_ranked_forecasts:
     params:
         datasets=SETTINGS,
         methods=TITLES,
-        code=code_version(
-            "modlhmp.paper.ranked_forecasts",
-            "modlhmp.paper.paths",
-            "modlhmp.scoring.errors",
-            *PAPER_STYLE,
-        ),
+        code=code_of("figure_ranked_forecasts"),
     message:
         "Figure rank"
     script:
@@ -74,12 +69,7 @@ rule figure_prediction_examples:
     params:
         datasets=SETTINGS,
         methods=TITLES,
-        code=code_version(
-            "modlhmp.paper.example_forecasts",
-            "modlhmp.paper.paths",
-            "modlhmp.scoring.errors",
-            *PAPER_STYLE,
-        ),
+        code=code_of("figure_prediction_examples"),
     message:
         "Figure prediction_example"
     script:

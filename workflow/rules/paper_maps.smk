@@ -26,9 +26,7 @@ rule figure_cliff_hours:
         runtime=10,
     params:
         dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
-        code=code_version(
-            "modlhmp.paper.cliff_hours", "modlhmp.paper.map_panels", *PAPER_STYLE
-        ),
+        code=code_of("figure_cliff_hours"),
     message:
         "Figure cliff-{wildcards.label}-time"
     script:
@@ -56,9 +54,7 @@ rule figure_stef_hours:
         runtime=10,
     params:
         dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
-        code=code_version(
-            "modlhmp.paper.stef_hours", "modlhmp.paper.map_panels", *PAPER_STYLE
-        ),
+        code=code_of("figure_stef_hours"),
     message:
         "Figure stef-{wildcards.label}-time"
     script:
@@ -85,9 +81,7 @@ rule figure_one_location:
         runtime=10,
     params:
         dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
-        code=code_version(
-            "modlhmp.paper.one_location", "modlhmp.paper.cliff_hours", *PAPER_STYLE
-        ),
+        code=code_of("figure_one_location"),
     message:
         "Figure cliff-{wildcards.label}-time-one-location"
     script:
@@ -115,13 +109,7 @@ rule figure_mod_comparison:
         runtime=10,
     params:
         dataset=lambda wildcards: settings_of(dataset_of_label(wildcards.label)),
-        code=code_version(
-            "modlhmp.paper.mod_comparison",
-            "modlhmp.paper.cliff_hours",
-            "modlhmp.paper.stef_hours",
-            "modlhmp.paper.map_panels",
-            *PAPER_STYLE,
-        ),
+        code=code_of("figure_mod_comparison"),
     message:
         "Figure {wildcards.label}_mod"
     script:

@@ -28,12 +28,7 @@ rule measure_runtime:
             "dataset": settings_of(wildcards.dataset, STUDY_KEYS),
             "max_tracks": 2000,
         },
-        code=code_version(
-            "modlhmp.scoring.runtime",
-            "modlhmp.forecasting",
-            "modlhmp.maps",
-            "modlhmp.tracks",
-        ),
+        code=code_of("measure_runtime"),
     message:
         "Measure the runtime on {wildcards.dataset}"
     script:
@@ -61,7 +56,7 @@ rule figure_runtime:
     params:
         datasets=SETTINGS,
         method=config["methods"][STUDY["method"]]["title"],
-        code=code_version("modlhmp.paper.runtime_figure", *PAPER_STYLE),
+        code=code_of("figure_runtime"),
     message:
         "Figure runtime"
     script:

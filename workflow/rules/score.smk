@@ -28,13 +28,7 @@ rule score_method:
         recordings=lambda wildcards: [
             r["name"] for r in recordings(wildcards.dataset, "test")
         ],
-        code=code_version(
-            "modlhmp.scoring",
-            "modlhmp.floor_plan",
-            "modlhmp.forecasting.ranking",
-            "modlhmp.forecasting.observe",
-            "modlhmp.tracks",
-        ),
+        code=code_of("score_method"),
     message:
         "Score {wildcards.method} on {wildcards.dataset}"
     script:
@@ -60,7 +54,7 @@ rule compare_methods:
         ),
         pairs=[pair for pair in config["comparisons"] if set(pair) <= set(METHODS)],
         horizons=config["tables"]["horizons_s"],
-        code=code_version("modlhmp.scoring"),
+        code=code_of("compare_methods"),
     message:
         "Compare the methods on {wildcards.dataset}"
     script:
@@ -86,7 +80,7 @@ rule summarise_results:
         runtime=30,
     params:
         time_steps={name: dataset["time_step_s"] for name, dataset in DATASETS.items()},
-        code=code_version("modlhmp.scoring"),
+        code=code_of("summarise_results"),
     message:
         "All scores of run {RUN}"
     script:

@@ -45,12 +45,7 @@ rule study_parameter:
             r["name"] for r in recordings(wildcards.dataset, "test")
         ],
         seeds=config["seeds"],
-        code=code_version(
-            "modlhmp.forecasting",
-            "modlhmp.maps",
-            "modlhmp.scoring",
-            "modlhmp.tracks",
-        ),
+        code=code_of("study_parameter"),
     message:
         "Study {wildcards.parameter} on {wildcards.dataset}"
     script:
@@ -83,9 +78,7 @@ rule figure_parameters:
         method=config["methods"][STUDY["method"]]["title"],
         chosen=STUDY_METHOD["options"],
         horizons=config["tables"]["horizons_s"],
-        code=code_version(
-            "modlhmp.paper.parameter_study", "modlhmp.scoring.summary", *PAPER_STYLE
-        ),
+        code=code_of("figure_parameters"),
     message:
         "Figure parameter-{wildcards.label}"
     script:

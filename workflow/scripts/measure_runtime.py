@@ -5,11 +5,12 @@ import subprocess
 import sys
 
 from modlhmp.logs import job_log
+from modlhmp.scoring import runtime
 from modlhmp.storage import DataError, write_text
 
 with job_log(snakemake.log[0]) as log:
     task = {**snakemake.params.task, "map": snakemake.input.map, "tracks": list(snakemake.input.tracks)}
-    command = [sys.executable, "-m", "modlhmp.scoring.runtime"]
+    command = [sys.executable, "-m", runtime.__name__]
     done = subprocess.run(command, input=json.dumps(task), capture_output=True, text=True, check=False)
     if done.returncode:
         raise DataError(done.stderr.strip())

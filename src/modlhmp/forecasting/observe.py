@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from modlhmp.cleaning import MAX_GAP_S
+from modlhmp.tracks import MAX_GAP_S
 
 SIGMA_STEPS = 1.5
 

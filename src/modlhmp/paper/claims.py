@@ -10,15 +10,13 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from modlhmp.paper.runtime_figure import PUBLISHED_MAP_KB, PUBLISHED_MEMORY_MB, PUBLISHED_SECONDS
+from modlhmp.paper.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
 from modlhmp.paper.table_forms import write_table
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.summary import main_output, nan_mean, scored_horizons
 from modlhmp.scoring.ttests import holm, paired_test
 
 LEARNED = ("trajectronpp", "mid", "tutr", "social_lstm", "lstm")
-SHORT_S = {"atc": 10.0, "edin": 5.0}  # the paper's "short-term"
-PERCENTILE_S = {"atc": 60.0, "edin": 20.0}
 NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"
 ALL = ("atc", "edin")
 
@@ -206,7 +204,7 @@ def _length(one, _titles, _kinds):
 
 
 def _rate(one, _titles, _kinds):
-    claimed = PUBLISHED_SECONDS.get(one.dataset["label"])
+    claimed = SECONDS_PER_TRACK.get(one.dataset["label"])
     if one.runtime is None or claimed is None:
         yield _row("", NO_RUNTIME, "", verdict="not tested")
         return
@@ -230,7 +228,7 @@ def _size(one, _titles, _kinds):
     if one.runtime is None:
         yield _row("", NO_RUNTIME, "", verdict="not tested")
         return
-    for key, claimed, unit in (("memory_mb", PUBLISHED_MEMORY_MB, "MB"), ("map_kb", PUBLISHED_MAP_KB, "kB")):
+    for key, claimed, unit in (("memory_mb", MEMORY_MB, "MB"), ("map_kb", MAP_KB, "kB")):
         ours = one.runtime[key]
         verdict = "ours is smaller" if ours < claimed else "ours is larger"
         yield _row("", f"{claimed:g} {unit}", f"{ours:.0f} {unit}", verdict=verdict)

@@ -6,10 +6,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.ticker import NullFormatter
 
-from modlhmp.paper import style
+from modlhmp.paper import published, style
 
-PUBLISHED_SECONDS = {"atc": 0.11, "edin": 0.04}
-PUBLISHED_MEMORY_MB, PUBLISHED_MAP_KB = 273.0, 152.0
 GROWTH = {"N": "tracks N", "T": "steps T", "M": "locations M of an hour"}
 
 
@@ -18,12 +16,12 @@ def draw(measured, datasets, method, stem):
     fig, axes = style.figure(2, 3, style.PAGE_MM, 92.0)
     names = [dataset["title"] for dataset in datasets]
     seconds = [one["seconds_per_track"] * 1000 for one in measured]
-    published = [PUBLISHED_SECONDS.get(dataset["label"], np.nan) * 1000 for dataset in datasets]
-    _bars(axes[0, 0], names, seconds, published, "time a track [ms]", log=True)
+    theirs = [published.SECONDS_PER_TRACK.get(dataset["label"], np.nan) * 1000 for dataset in datasets]
+    _bars(axes[0, 0], names, seconds, theirs, "time a track [ms]", log=True)
     memory = [one["memory_mb"] for one in measured]
-    _bars(axes[0, 1], names, memory, [PUBLISHED_MEMORY_MB] * len(names), "resident memory [MB]")
+    _bars(axes[0, 1], names, memory, [published.MEMORY_MB] * len(names), "resident memory [MB]")
     sizes = [one["map_kb"] for one in measured]
-    _bars(axes[0, 2], names, sizes, [PUBLISHED_MAP_KB] * len(names), "map of an hour [kB]")
+    _bars(axes[0, 2], names, sizes, [published.MAP_KB] * len(names), "map of an hour [kB]")
     for ax, (name, label) in zip(axes[1], GROWTH.items(), strict=True):
         for position, one in enumerate(measured):
             size, time_s = np.array([row[:2] for row in one["growth"][name]]).T
@@ -53,11 +51,11 @@ def draw(measured, datasets, method, stem):
     style.save(fig, stem, _numbers(measured, datasets), any(dataset["demo"] for dataset in datasets))
 
 
-def _bars(ax, names, ours, published, label, log=False):
+def _bars(ax, names, ours, theirs, label, log=False):
     """Ours and the paper's side by side, the values on the bars."""
     x = np.arange(len(names))
     looks = {"color": "#0072B2"}, {"color": "0.8", "hatch": "///"}
-    for offset, values, look in zip((-0.2, 0.2), (ours, published), looks, strict=True):
+    for offset, values, look in zip((-0.2, 0.2), (ours, theirs), looks, strict=True):
         bars = ax.bar(x + offset, values, 0.38, edgecolor="black", linewidth=0.4, **look)
         ax.bar_label(bars, [f"{value:.3g}" if np.isfinite(value) else "" for value in values], fontsize=6, padding=1)
     ax.set_xticks(x, names)

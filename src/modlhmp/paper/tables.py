@@ -3,24 +3,10 @@
 import numpy as np
 import pandas as pd
 
+from modlhmp.paper.published import RESULTS, RESULTS_AT_S
 from modlhmp.paper.selection import main_rows, scored_of
 from modlhmp.paper.table_forms import write_table
 from modlhmp.scoring.summary import scored_horizons
-
-# ADE / FDE [m] of the paper's results table, and the horizons [s] that they are at.
-PUBLISHED_AT = {"atc": 60, "edinburgh": 20}
-PUBLISHED = {
-    "atc": {
-        "tc_cliff": (5.332, 11.215), "cliff": (5.557, 11.736), "stef": (6.026, 12.633),
-        "trajectronpp": (11.844, 27.399), "mid": (21.124, 44.373), "tutr": (12.127, 26.739),
-        "social_lstm": (12.704, 28.086), "lstm": (12.975, 28.773), "cvm": (16.191, 35.108),
-    },
-    "edinburgh": {
-        "tc_cliff": (3.035, 5.787), "cliff": (3.094, 5.830), "stef": (3.064, 5.847),
-        "trajectronpp": (3.810, 4.897), "mid": (5.621, 7.031), "tutr": (3.375, 4.432),
-        "social_lstm": (3.835, 5.195), "lstm": (3.835, 5.201), "cvm": (7.919, 17.112),
-    },
-}  # fmt: skip
 
 
 def write_parameters(datasets, rollout, cliff, stef, lengths, stem):
@@ -64,8 +50,8 @@ def write_results(results, datasets, methods, horizons, stem):
         block["own length: n"] = [f"{n:.0f}" if np.isfinite(n) else "not run" for n in complete["own_n"]]
         block["into walls (truth) [%]"] = [_walls(row) for _, row in complete.iterrows()]
         published = {}
-        if dataset["paper_results"] and PUBLISHED_AT[dataset["paper_results"]] == last:
-            published = PUBLISHED[dataset["paper_results"]]
+        if dataset["paper_results"] and RESULTS_AT_S[dataset["paper_results"]] == last:
+            published = RESULTS[dataset["paper_results"]]
         cells = ["{:.3f} / {:.3f}".format(*published[m]) if m in published else "–" for m in methods]
         block["the paper (another experiment)"] = cells
         blocks.append(block)
