@@ -8,6 +8,7 @@ import pandas as pd
 import pyarrow.compute as pc
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import Normal, Stroke
 
 from modlhmp.forecasting import read_forecasts
 from modlhmp.forecasting.base import Forecast
@@ -19,13 +20,14 @@ from modlhmp.tracks import read_tracks
 COLUMNS = ("dataset", "recording", "track_id", "method", "what", "rank", "step_s", "x_m", "y_m", "left_map", "ade_m")
 WHOLE = {"rank": "Int64", "left_map": "boolean"}  # types that may be missing, where a row is not of a forecast
 PANEL = 0.72  # height / width of a panel
-MARGIN_M, SMALLEST_M = 1.0, 4.0  # around what a panel shows, and the least half of its extent
+MARGIN, SMALLEST_M = 1.08, 4.0  # a panel shows so many times what it must, and at least so far from its centre
 LINE_MM = 3.0  # of a key
 
 # Broad bands: what the person did. Forecasts are thin lines above them.
-TRUTH = {"color": "#F4A6A0", "linewidth": 3.2, "solid_capstyle": "round", "zorder": 2}
+TRUTH = {"color": "#F0948C", "linewidth": 3.2, "solid_capstyle": "round", "zorder": 2}
 OBSERVED = {"color": "#00703C", "linewidth": 3.2, "solid_capstyle": "butt", "zorder": 2}
 TRUTH_END = {"marker": "s", "color": "#C00000", "markersize": 4, "linestyle": "none", "zorder": 7}
+END = {"markersize": 5, "markeredgecolor": "white", "markeredgewidth": 0.4, "linestyle": "none"}
 LEFT_MAP = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2, "linestyle": "none"}
 
 
@@ -93,9 +95,13 @@ def of_example(dataset, track, tables):
     return pd.concat(tables, ignore_index=True).assign(**whose)[list(COLUMNS)].astype(WHOLE)
 
 
-def title(dataset, track, steps):
-    """What a panel shows."""
-    return f"{dataset['title']}, {steps * dataset['time_step_s']:g} s"
+def rule(methods):
+    """How example tracks are chosen, for the reader of a figure."""
+    first = next(iter(methods.values()))
+    return (
+        "Example tracks are chosen by rule: of the test tracks eligible at the horizon under the paper protocol, the "
+        f"one of median ADE of {first} (complete protocol, first seed)."
+    )
 
 
 def who(track):
@@ -120,7 +126,7 @@ def sheet(datasets, key_lines, text):
     """
     columns = min(len(datasets), 2)
     rows, width_mm = -(-len(datasets) // columns), style.PAGE_MM if columns == 2 else style.COLUMN_MM
-    wrapped = textwrap.wrap(text, round(0.9 * width_mm))
+    wrapped = textwrap.wrap(text, round(0.86 * width_mm))
     panel_mm, key_mm = (width_mm / columns - 13.0) * PANEL, 2.0 + LINE_MM * key_lines
     below_mm = 5.0 + LINE_MM * (len(wrapped) + 3 - columns) + 4.0 * any(dataset["demo"] for dataset in datasets)
     height_mm = rows * (panel_mm + key_mm + 13.0) + below_mm
@@ -140,21 +146,27 @@ def sheet(datasets, key_lines, text):
 def write_key(ax, handles, text):
     """The key of a panel, in the place that `sheet` keeps for it."""
     key = ax.legend(
-        handles=handles, loc="upper center", borderaxespad=0, handlelength=3.2, title=text, title_fontsize=6
+        handles=handles,
+        loc="upper center",
+        borderaxespad=0,
+        handlelength=3.2,
+        title=text,
+        title_fontsize=6,
+        alignment="left",
     )
     key.set_in_layout(False)  # or a wide key would shrink the panels
 
 
-def frame(ax, dataset, xy):
+def frame(ax, dataset, xy, horizon_s):
     """Show the extent of positions [n, 2] at equal scale over the floor plan, y downwards for images."""
     low, high = np.nanmin(xy, axis=0), np.nanmax(xy, axis=0)
-    centre, half = (low + high) / 2, (high - low) / 2 + MARGIN_M
+    centre, half = (low + high) / 2, (high - low) / 2 * MARGIN
     half_width = max(half[0], half[1] / PANEL, SMALLEST_M)
     half = half_width * np.array([1.0, PANEL])
     ax.set(xlim=(centre[0] - half[0], centre[0] + half[0]), ylim=(centre[1] - half[1], centre[1] + half[1]))
     if style.image_coordinates(dataset):
         ax.invert_yaxis()
-    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=f"{dataset['title']}, {horizon_s:g} s")
     ax.grid(False)
     ax.spines[:].set_visible(True)
     style.draw_floor_plan(ax, dataset["floor_plan"])
@@ -168,14 +180,19 @@ def draw_person(ax, table):
     ax.plot(*truth[-1], **TRUTH_END)
 
 
-def draw_path(ax, path, look, linewidth=1.0):
-    """A forecast in the look of `style.method_style`, marked along it and at its end, x where it left the map."""
+def draw_path(ax, path, look, linewidth, place):
+    """A forecast in the look of `style.method_style`, marked along it and at its end, x where it left the map.
+
+    `place` in [0, 1) is its place among all: later ones are drawn above and marked further on, so that paths that
+    coincide can be seen.
+    """
     xy, end = path[["x_m", "y_m"]].to_numpy(float), dict(look)
-    marked = range(max(len(xy) // 4, 1), len(xy) - 1, max(len(xy) // 4, 1))
-    ax.plot(*xy.T, linewidth=linewidth, markevery=list(marked), **look)
-    end.pop("linestyle")
-    end.update(LEFT_MAP if path["left_map"].iloc[0] else {"markersize": 4.5})
-    ax.plot(*xy[-1], **end)
+    marked = np.rint((np.arange(4) + 0.25 + 0.5 * place) / 4 * (len(xy) - 1)).astype(int)
+    marked = [step for step in marked.tolist() if 0 < step < len(xy) - 1]
+    casing = [Stroke(linewidth=linewidth + 0.8, foreground="white", alpha=0.7), Normal()]  # seen on walls as well
+    ax.plot(*xy.T, linewidth=linewidth, markevery=marked, path_effects=casing, zorder=3 + place, **look)
+    end.update(LEFT_MAP if path["left_map"].iloc[0] else END)
+    ax.plot(*xy[-1], zorder=5 + place, **end)
 
 
 def end_note(ax, path):

@@ -15,12 +15,8 @@ from modlhmp.storage import read_metadata
 
 SHOWN = "tc_cliff"  # the paper's choice; without it the first compared method that ranks its futures
 AREA_COLOURS = {"green": "#009E73", "red": "#D55E00", "blue": "#0072B2", "orange": "#E69F00"}
-HATCHES = ("....", "////", "\\\\\\\\", "xxxx")  # areas in grey
-RULE = (
-    "Example tracks are chosen by rule: of the test tracks eligible at the horizon under the paper protocol, that of "
-    "median ADE of {first} (complete protocol, first seed). Ranks are those of the complete protocol: longest on the "
-    "map, then fitness; the darker, the better ranked."
-)
+HATCHES = ("....", "////", "\\\\\\\\", "xxxx")  # tell areas apart in grey
+RANKED_BY = "Ranks and ADE: complete protocol (the longest on the map first, then by cumulative fitness)."
 
 
 def draw(folder, datasets, methods, stem):
@@ -31,8 +27,8 @@ def draw(folder, datasets, methods, stem):
     found = [example(Path(folder) / dataset["name"], dataset, methods) for dataset in datasets]
     tables = [table for table, _ in found if table is not None]
     ranks = max((int(table["rank"].max()) for table in tables), default=0)
-    key_lines = 1 + ranks + max(len(dataset["areas"]) for dataset in datasets)
-    fig, places = paths.sheet(datasets, key_lines, RULE.format(first=next(iter(methods.values()))))
+    key_lines = 2 + ranks + max(len(dataset["areas"]) for dataset in datasets)
+    fig, places = paths.sheet(datasets, key_lines, f"{paths.rule(methods)} {RANKED_BY}")
     for (ax, key), dataset, (table, text) in zip(places, datasets, found, strict=True):
         if table is None:
             style.empty_panel(ax, f"{dataset['title']}\n{text}")
@@ -42,7 +38,7 @@ def draw(folder, datasets, methods, stem):
 
 
 def example(folder, dataset, methods):
-    """Plotted positions of a dataset's example (`paths.COLUMNS`) and its title; (None, why) where there is none."""
+    """Plotted positions of a dataset's example (`paths.COLUMNS`) and who it is; (None, why) where there is none."""
     steps = round(dataset["horizon_s"] / dataset["time_step_s"])
     track = example_track(errors_at(folder / "errors" / f"{next(iter(methods))}.parquet", steps))
     if track is None:
@@ -56,37 +52,39 @@ def example(folder, dataset, methods):
     person = paths.person_paths(folder / "tracks" / f"{track.recording}.parquet", track.track_id, dataset, steps)
     truth = paths.one_path(person, "truth")
     order = paths.rank_order(forecast, steps)
-    table = paths.forecast_paths(forecast, order, steps, dataset["time_step_s"], truth[0])
-    ade = displacement_errors(forecast.xy[None, order, :steps], truth[None, 1:])[0][0, :, -1]
-    table = table.assign(method=method, ade_m=ade[table["rank"].to_numpy(int) - 1])
-    return paths.of_example(
-        dataset, track, [person, table]
-    ), f"{paths.title(dataset, track, steps)}\n{paths.who(track)}"
+    futures = paths.forecast_paths(forecast, order, steps, dataset["time_step_s"], truth[0])
+    ade, _ = displacement_errors(forecast.xy[None, order, :steps], truth[None, 1:])
+    futures = futures.assign(method=method, ade_m=ade[0, futures["rank"] - 1, -1])
+    return paths.of_example(dataset, track, [person, futures]), paths.who(track)
 
 
 def _panel(ax, key, dataset, table, text, methods):
-    futures = table[table["what"] == "forecast"]
     areas = [(area, _outline(area, dataset)) for area in dataset["areas"]]
-    shown = [table[["x_m", "y_m"]].to_numpy(float), *(outline.vertices for _, outline in areas)]
-    paths.frame(ax, dataset, np.vstack(shown))
-    patches = [_draw_area(ax, area, outline, i) for i, (area, outline) in enumerate(areas)]
+    xy = [table[["x_m", "y_m"]].to_numpy(float), *(outline.vertices for _, outline in areas)]
+    paths.frame(ax, dataset, np.vstack(xy), dataset["horizon_s"])
+    patches = [_draw_area(ax, area, outline, position) for position, (area, outline) in enumerate(areas)]
     paths.draw_person(ax, table)
-    k = int(futures["rank"].max())
-    lines = []
-    for rank, path in reversed(list(futures.groupby("rank"))):
-        look = {**style.method_style(rank - 1), "color": shade(rank, k), "zorder": 3 + (k - rank) / k}
-        paths.draw_path(ax, path, look, linewidth=1.5 - 0.7 * (rank - 1) / k)
-        label = f"rank {rank}: ADE {path['ade_m'].iloc[0]:.2f} m{paths.end_note(ax, path)}"
-        lines.insert(0, Line2D([], [], label=label, **look))
-    ax.set_title(text)
+    futures = table[table["what"] == "forecast"]
+    lines = _draw_futures(ax, futures)
     mean = futures.groupby("rank")["ade_m"].first().mean()
-    title = f"{methods[futures['method'].iloc[0]]}, mean ADE of the {k}: {mean:.2f} m"
-    paths.write_key(key, [*lines, *patches], title)
+    shown = f"{methods[futures['method'].iloc[0]]}; without ranking (mean of the {len(lines)}): ADE {mean:.2f} m"
+    paths.write_key(key, [*lines, *patches], f"{text}\n{shown}")
+
+
+def _draw_futures(ax, futures):
+    """Draw the futures; returns their entries of the key. The best ranked is the widest, so it shows below others."""
+    k, lines = int(futures["rank"].max()), []
+    for rank, path in futures.groupby("rank"):
+        look = {**style.method_style(int(rank) - 1), "color": shade(rank, k)}
+        paths.draw_path(ax, path, look, linewidth=1.5 - 0.7 * (rank - 1) / k, place=(rank - 1) / k)
+        label = f"rank {rank}: ADE {path['ade_m'].iloc[0]:.2f} m{paths.end_note(ax, path)}"
+        lines.append(Line2D([], [], label=label, **look))
+    return lines
 
 
 def shade(rank, k):
     """Blue of a rank of k, the darker the better ranked."""
-    return colormaps["Blues"](1.0 - 0.6 * (rank - 1) / max(k - 1, 1))
+    return colormaps["Blues"](1.0 - 0.58 * (rank - 1) / max(k - 1, 1))
 
 
 def _outline(area, dataset):
@@ -102,6 +100,7 @@ def _outline(area, dataset):
 
 
 def _draw_area(ax, area, outline, position):
+    """A light transparent patch; returns its entry of the key."""
     look = {
         "facecolor": (AREA_COLOURS[area["colour"]], 0.15),
         "edgecolor": (AREA_COLOURS[area["colour"]], 0.35),
