@@ -63,6 +63,25 @@ def read_tracks(path):
     return Tracks(*(table[name].to_numpy() for name in COLUMNS))
 
 
+def positions_at(tracks, rows, when, track=None):
+    """Positions [n, T, 2] at `when` [n, T] s after a track's first row: linear between rows, held at both ends.
+
+    `rows` [m, 2] are the first and last row of m tracks; `track` [n] says whose each row of `when` is (default: each
+    track's own).
+    """
+    if not len(when):
+        return np.empty((*np.shape(when), 2))
+    # One np.interp serves all tracks: their rows are laid one after the other on a common axis.
+    duration = tracks.t[rows[:, 1]] - tracks.t[rows[:, 0]]
+    offset = np.concatenate([[0.0], np.cumsum(duration + 10.0)])[:-1]
+    counts = rows[:, 1] - rows[:, 0] + 1
+    index = np.repeat(rows[:, 0] - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+    axis = tracks.t[index] - np.repeat(tracks.t[rows[:, 0]] - offset, counts)
+    whose = slice(None) if track is None else track
+    at = np.clip(when, 0.0, duration[whose][:, None]) + offset[whose][:, None]
+    return np.stack([np.interp(at, axis, column[index]) for column in (tracks.x, tracks.y)], axis=-1)
+
+
 def wrap_angle(angle):
     """Wrap angles [rad] to (-pi, pi]."""
     wrapped = np.pi - np.mod(np.pi - angle, 2 * np.pi)

@@ -23,13 +23,18 @@ NAMES = ("hall", "cliff", "day1")
 STEPS = 25
 
 
+def nobody(n):
+    """No neighbours, for n walkers."""
+    return np.empty((n, 0, 4, 2))
+
+
 def walkers(seed, n=12):
     """Observed rows and velocities at t0 of `n` persons in the square [0, 8] m."""
     rng = np.random.default_rng(seed)
     x, y = rng.uniform(1, 7, (2, n, 1)) + rng.normal(0, 0.1, (2, n, 4))
     speed, heading = rng.uniform(0.3, 1.6, (n, 4)), rng.uniform(-np.pi, np.pi, (n, 4))
     t = 1.9e9 + np.arange(4.0) + rng.uniform(0, 3600, (n, 1))
-    observed = Observed(np.arange(100, 100 + n), t, x, y, speed, heading)
+    observed = Observed(np.arange(100, 100 + n), t, x, y, speed, heading, nobody(n))
     return observed, (speed[:, -1], heading[:, -1])
 
 
@@ -487,7 +492,7 @@ def test_kernel_weights_of_three_observed_steps():
 
 def test_columns_by_hand():
     speed, heading = [[1.0, 2.0, 3.0, 99.0]], [[0.1, 0.2, 0.3, 3.0]]  # the row of t0 itself does not count
-    observed = Observed(np.array([1]), *np.zeros((3, 1, 4)), np.array(speed), np.array(heading))
+    observed = Observed(np.array([1]), *np.zeros((3, 1, 4)), np.array(speed), np.array(heading), nobody(1))
     got_speed, got_heading = current_velocity(observed, "columns")
     w = [0.594, 0.305, 0.101]
     assert got_speed[0] == pytest.approx(3.0 * w[0] + 2.0 * w[1] + 1.0 * w[2], abs=2e-3)
@@ -496,7 +501,7 @@ def test_columns_by_hand():
 
 def test_headings_are_averaged_across_the_seam():
     heading = np.array([[-np.pi + 0.2, np.pi - 0.1, -np.pi + 0.1, 0.0]])
-    observed = Observed(np.array([1]), *np.zeros((3, 1, 4)), np.ones((1, 4)), heading)
+    observed = Observed(np.array([1]), *np.zeros((3, 1, 4)), np.ones((1, 4)), heading, nobody(1))
     speed, got = current_velocity(observed, "columns")
     w = kernel_weights(3)
     vector = w[0] * np.exp(1j * heading[0, 2]) + w[1] * np.exp(1j * heading[0, 1]) + w[2] * np.exp(1j * heading[0, 0])
@@ -509,7 +514,7 @@ def test_differences_by_hand():
     # Displacements (2, 0) in 2 s, (0, 1) in 1 s, (-1, 1) in 1 s; the last one ends at t0 and weighs most.
     t, x, y = [[0.0, 2.0, 3.0, 4.0]], [[5.0, 7.0, 7.0, 6.0]], [[1.0, 1.0, 2.0, 3.0]]
     wrong = np.full((1, 4), 99.0)
-    observed = Observed(np.array([1]), np.array(t), np.array(x), np.array(y), wrong, wrong)
+    observed = Observed(np.array([1]), np.array(t), np.array(x), np.array(y), wrong, wrong, nobody(1))
     speed, heading = current_velocity(observed, "differences")
     w = kernel_weights(3)
     assert speed[0] == pytest.approx(w[0] * math.sqrt(2) + w[1] * 1.0 + w[2] * 1.0, abs=1e-12)
@@ -521,7 +526,7 @@ def test_differences_by_hand():
 def test_walking_straight_is_seen_as_such(source):
     t = np.arange(4.0)[None] + 1.9e9
     x, y = 1.2 * np.cos(2.5) * (t - t[0, 0]), 1.2 * np.sin(2.5) * (t - t[0, 0])
-    observed = Observed(np.array([1]), t, x, y, np.full((1, 4), 1.2), np.full((1, 4), 2.5))
+    observed = Observed(np.array([1]), t, x, y, np.full((1, 4), 1.2), np.full((1, 4), 2.5), nobody(1))
     speed, heading = current_velocity(observed, source)
     np.testing.assert_allclose([speed[0], heading[0]], [1.2, 2.5], atol=1e-9)
 
@@ -541,7 +546,7 @@ def test_current_velocity_does_not_depend_on_the_other_tracks(source):
     n = 500
     t = np.arange(4.0) + np.zeros((n, 1))
     x, y = rng.normal(0, 1, (2, n, 4))
-    observed = Observed(np.arange(n), t, x, y, rng.uniform(0, 2, (n, 4)), rng.uniform(-np.pi, np.pi, (n, 4)))
+    observed = Observed(np.arange(n), t, x, y, rng.uniform(0, 2, (n, 4)), rng.uniform(-np.pi, np.pi, (n, 4)), nobody(n))
     together = current_velocity(observed, source)
     for one in range(0, n, 7):
         alone = current_velocity(Observed(*(column[one : one + 1] for column in observed)), source)

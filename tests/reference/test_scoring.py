@@ -160,7 +160,7 @@ def test_score_equals_the_loop(seed, output):
     forecast = random_forecast(rng, truth, k, output)
     eligible = {"paper": np.where(rng.random(n) < 0.3, 0, length), "complete": length}
     got = score(forecast, truth, eligible)
-    outputs = {"ranked": {"ranked", "mean"}, "mean": {"mean"}, "single": {"single"}}[output]
+    outputs = {"ranked": {"ranked", "mean"}, "mean": {"mean", "mean_path"}, "single": {"single"}}[output]
     assert set(got) == {(name, protocol) for name in outputs for protocol in PROTOCOLS}
     for (name, protocol), values in got.items():
         ade, fde = values["ade"], values["fde"]

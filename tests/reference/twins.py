@@ -326,6 +326,7 @@ def score(protocol, output, paths, fitness, alive, truth, eligible, h):
 
     paper: of the futures alive at h the best ranked, or the mean of their errors; none alive: not scored.
     complete: of the futures that lived longest up to h the best ranked; the mean is over all futures.
+    The path of mean positions needs all futures alive under the paper protocol.
     """
     if h > eligible:
         return None
@@ -334,6 +335,9 @@ def score(protocol, output, paths, fitness, alive, truth, eligible, h):
     counted = [n for n in everyone if lived[n] == (h if protocol == "paper" else max(lived))]
     if not counted:
         return None
+    if output == "mean_path":
+        middle = [tuple(sum(paths[n][s][axis] for n in everyone) / len(paths) for axis in (0, 1)) for s in range(h)]
+        return errors_at(middle, truth, h) if protocol == "complete" or len(counted) == len(paths) else None
     if output == "mean":
         counted = counted if protocol == "paper" else everyone
         each = [errors_at(paths[n], truth, h) for n in counted]

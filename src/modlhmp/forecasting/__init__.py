@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 from modlhmp import maps
 from modlhmp.forecasting.base import Forecast, stream_keys
 from modlhmp.forecasting.cvm import constant_velocity
+from modlhmp.forecasting.neighbours import find_neighbours, together
 from modlhmp.forecasting.observe import current_velocity, observe, usable_tracks
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.storage import atomic_path, provenance_metadata, read_metadata
@@ -32,13 +33,19 @@ def make_forecaster(kind, options, dataset, map_path):
     )
 
 
-def forecast_recording(tracks, forecaster, dataset, names, k, seeds):
+def forecast_recording(tracks, forecaster, dataset, names, k, seeds, others=None):
     """Forecast every usable track of a recording to the longest horizon, for each seed.
 
-    `names` = (dataset, method, recording) key the random numbers. Yields (seed, track_ids [n], Forecast); a
-    forecaster without randomness is run for the first seed only.
+    `names` = (dataset, method, recording) key the random numbers; `others` are the tracks of that day's other
+    recordings, if the forecaster looks at neighbours. Yields (seed, track_ids [n], Forecast); a forecaster without
+    randomness is run for the first seed only.
     """
-    observed = observe(tracks, usable_tracks(tracks, dataset["observed_rows"]), dataset["observed_rows"])
+    seen, rows = dataset["observed_rows"], usable_tracks(tracks, dataset["observed_rows"])
+    observed = observe(tracks, rows, seen)
+    if others is not None:
+        everyone, at_t0 = together(tracks, others), rows[:, 0] + seen - 1
+        found = find_neighbours(everyone, at_t0, seen, dataset["time_step_s"])
+        observed = observed._replace(neighbours=found.xy)
     steps = round(dataset["horizon_s"] / dataset["time_step_s"])
     for seed in seeds:
         forecast = forecaster(observed, steps, stream_keys(observed.track_id, k, seed, *names))

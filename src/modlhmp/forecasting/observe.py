@@ -14,7 +14,11 @@ SIGMA_STEPS = 1.5
 
 
 class Observed(NamedTuple):
-    """Observed rows of n tracks, the last one at t0: [n, rows] each, `track_id` [n]; speeds may be NaN."""
+    """Observed rows of n tracks, the last one at t0: [n, rows] each, `track_id` [n]; speeds may be NaN.
+
+    `neighbours` [n, M, rows, 2] are the positions of M others at t0 and whole time steps before it, nearest first, NaN
+    where absent; M is 0 where nobody asked for them (`forecasting.neighbours`).
+    """
 
     track_id: np.ndarray
     t: np.ndarray
@@ -22,6 +26,7 @@ class Observed(NamedTuple):
     y: np.ndarray
     speed: np.ndarray
     heading: np.ndarray
+    neighbours: np.ndarray
 
 
 def usable_tracks(tracks, observed_rows=4):
@@ -45,9 +50,10 @@ def seconds_after_t0(recordings, observed_rows=4):
 
 
 def observe(tracks, rows, observed_rows=4):
-    """The first `observed_rows` rows of the tracks whose first rows are `rows[:, 0]`."""
+    """The first `observed_rows` rows of the tracks whose first rows are `rows[:, 0]`, without neighbours."""
     seen = rows[:, :1] + np.arange(observed_rows)
-    return Observed(tracks.track_id[rows[:, 0]], *(column[seen] for column in tracks[1:]))
+    nobody = np.empty((len(rows), 0, observed_rows, 2))
+    return Observed(tracks.track_id[rows[:, 0]], *(column[seen] for column in tracks[1:]), nobody)
 
 
 def kernel_weights(steps):
@@ -65,7 +71,9 @@ def current_velocity(observed, source):
     if source == "columns":
         speed, heading = observed.speed[:, -2::-1], observed.heading[:, -2::-1]
     else:
-        dx, dy, dt = (np.diff(column, axis=1)[:, ::-1] for column in (observed.x, observed.y, observed.t))
+        # Contiguous, since numpy's arctan2 has another last bit for strided rows on some processors.
+        backward = (np.diff(column, axis=1)[:, ::-1] for column in (observed.x, observed.y, observed.t))
+        dx, dy, dt = map(np.ascontiguousarray, backward)
         speed, heading = np.hypot(dx, dy) / dt, np.arctan2(dy, dx)
     weights = kernel_weights(speed.shape[1])
     # Sums by row, not a matrix product: that one's last bit depends on how many tracks there are.

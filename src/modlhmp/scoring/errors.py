@@ -3,6 +3,7 @@
 import numpy as np
 
 from modlhmp.floor_plan import value_at
+from modlhmp.tracks import positions_at
 
 MIN_DEPTH_M = 0.3  # a path this deep inside occupied area is infeasible
 
@@ -15,17 +16,8 @@ def ground_truth(tracks, rows, observed_rows, steps, step_s=1.0):
     """
     t0 = tracks.t[rows[:, 0] + observed_rows - 1]
     length = np.floor((tracks.t[rows[:, 1]] - t0) / step_s + 0.05).astype(np.int64)
-    if not len(rows):
-        return np.empty((0, steps, 2)), length
     wanted = np.arange(1, steps + 1)
-    # One np.interp serves all tracks: their rows are laid one after the other on a common axis.
-    duration = tracks.t[rows[:, 1]] - tracks.t[rows[:, 0]]
-    offset = np.concatenate([[0.0], np.cumsum(duration + 10.0 * step_s)])[:-1]
-    counts = rows[:, 1] - rows[:, 0] + 1
-    index = np.repeat(rows[:, 0] - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-    axis = tracks.t[index] - np.repeat(tracks.t[rows[:, 0]] - offset, counts)
-    when = np.minimum((t0 - tracks.t[rows[:, 0]])[:, None] + wanted * step_s, duration[:, None]) + offset[:, None]
-    xy = np.stack([np.interp(when, axis, column[index]) for column in (tracks.x, tracks.y)], axis=-1)
+    xy = positions_at(tracks, rows, (t0 - tracks.t[rows[:, 0]])[:, None] + wanted * step_s)
     xy[wanted > length[:, None]] = np.nan
     return xy, length
 

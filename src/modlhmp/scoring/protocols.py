@@ -20,7 +20,8 @@ def score(forecast, truth, eligible_steps, infeasible=None):
     `truth` [n, T, 2]; `eligible_steps` maps a protocol to the number of steps [n] to which a track is eligible;
     `infeasible` [n, k, T], where known, says which futures have been inside a wall. Returns {(output, protocol):
     {"ade": [n, T], "fde": [n, T], "infeasible": [n, T]}} in m, NaN where a track is not scored. Futures of equal
-    standing (`ranked`) are also scored without ranking, as the mean of their values (`mean`).
+    standing (`ranked`) are also scored without ranking, as the mean of their values (`mean`); where that mean is the
+    method's result, the path of their mean positions is scored beside it (`mean_path`), where all may be.
     """
     values = dict(zip(("ade", "fde"), displacement_errors(forecast.xy, truth), strict=True))
     if infeasible is not None:
@@ -41,6 +42,12 @@ def score(forecast, truth, eligible_steps, infeasible=None):
         if forecast.output in {"ranked", "mean"}:
             counted = everyone[protocol]
             scores["mean", protocol] = {m: _mean(one, counted, outside) for m, one in values.items()}
+        if forecast.output == "mean":
+            errors = displacement_errors(forecast.xy.mean(axis=1, keepdims=True), truth)
+            missing = outside | ~everyone[protocol].all(axis=1)
+            path = {m: np.where(missing, np.nan, one[:, 0]) for m, one in zip(("ade", "fde"), errors, strict=True)}
+            unknown = {m: np.full(missing.shape, np.nan) for m in values.keys() - path.keys()}  # walls: of futures only
+            scores["mean_path", protocol] = {**path, **unknown}
     return scores
 
 

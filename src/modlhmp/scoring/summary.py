@@ -14,7 +14,7 @@ COLUMNS = (
 )  # fmt: skip
 
 METRICS = ("ade", "fde", "infeasible")
-OUTPUTS = ("ranked", "median", "mean", "single")  # the first that a method has stands for it
+OUTPUTS = ("ranked", "median", "mean", "single", "mean_path")  # the first that a method has stands for it
 
 
 class Errors(NamedTuple):
