@@ -11,6 +11,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 import jsonschema
 import yaml
 
+from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.cleaning import RULES
 from modlhmp.floor_plan import image_of
 from modlhmp.maps import KINDS as MAP_KINDS
@@ -83,6 +84,22 @@ def check_config(config, datasets_folder):
     for name in config["datasets"]:
         if name not in known:
             raise DataError(_unknown("datasets", "dataset", name, known))
+
+
+def method_settings(config, name):
+    """All that a method's forecasts depend on: its `kind` and `options`, for a learned one also `learned`.
+
+    Options of a map's method are those of `rollout`, of a learned one those of its kind in the budget; in both cases
+    its own `options` win. A learned method's may also name another `budget` or kind of `futures`.
+    """
+    kind, own = config["methods"][name]["kind"], config["methods"][name].get("options", {})
+    if kind in MAP_KINDS:
+        return {"kind": kind, "options": {**config["rollout"], **own}}
+    if kind not in LEARNED_KINDS:
+        return {"kind": kind, "options": {}}
+    learned = {key: own.get(key, value) for key, value in config["learned"].items() if key != "threads"}
+    sizes = {key: value for key, value in own.items() if key not in learned}
+    return {"kind": kind, "options": {**config["budgets"][learned["budget"]][kind], **sizes}, "learned": learned}
 
 
 def _unknown(key, what, name, known):

@@ -76,14 +76,14 @@ def provenance(wildcards, params, inputs):
     """Where a result comes from: dataset and other wildcards, hash of the settings, code version, source files.
 
     `inputs` are the files it was made of: a raw file is hashed, a Parquet file hands on the sources it carries, and
-    its settings and code go into the hash of the result's.
+    its settings and code go into the hash of the result's; so does the JSON file beside a network's weights.
     """
     settings = {key: value for key, value in params.items() if key != "code"}
     sources, upstream = {}, set()
     for path in map(Path, inputs):
         for file in sorted(path.glob("*.parquet")) if path.is_dir() else [path]:
-            if file.suffix == ".parquet":
-                origin = read_metadata(file)
+            if file.suffix in {".parquet", ".json"}:
+                origin = read_metadata(file) if file.suffix == ".parquet" else json.loads(file.read_text())["origin"]
                 sources.update(origin.get("sources", {}))
                 upstream.add((str(origin.get("settings")), str(origin.get("code"))))
             elif file.is_file():

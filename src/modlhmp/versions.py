@@ -9,17 +9,20 @@ PACKAGE = Path(__file__).parent
 NEUTRAL = {"modlhmp.logs"}  # how a job reports does not change its result
 
 
-def code_version(script):
-    """Hash of all modules of this package that a script needs; an edit of any of them changes it."""
+def code_version(script, *modules):
+    """Hash of all modules of this package that a script needs; an edit of any of them changes it.
+
+    `modules` are those that it imports by a name which only its parameters say.
+    """
     digest = hashlib.sha256()
-    for module in sorted(modules_of(script)):
+    for module in sorted(modules_of(script, *modules)):
         digest.update(_file(module).read_bytes())
     return digest.hexdigest()[:12]
 
 
-def modules_of(script):
-    """Names of the modules of this package that a script imports, and that those import."""
-    found, waiting = set(), list(_imports(Path(script)))
+def modules_of(script, *modules):
+    """Names of `modules` and of those of this package that a script imports, and that they import."""
+    found, waiting = set(), [*_imports(Path(script)), *modules]
     while waiting:
         module = waiting.pop()
         if module not in found | NEUTRAL:

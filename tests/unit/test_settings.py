@@ -187,7 +187,7 @@ def test_problems_under_numbers_and_names_are_told_side_by_side(config, schemas)
     [
         ("compare", ["tc_cliff", "clif"], "no method named 'clif'; did you mean 'cliff'"),
         ("comparisons", [["tc_cliff", "stf"]], "no method named 'stf'; did you mean 'stef'"),
-        ("compare", ["zzz"], "no method named 'zzz'; known: tc_cliff, cliff, stef, cvm"),
+        ("compare", ["zzz"], "no method named 'zzz'; known: tc_cliff, cliff, stef, trajectronpp"),
         ("datasets", ["demo_hal"], "no dataset named 'demo_hal'; did you mean 'demo_hall'"),
         ("datasets", ["zzz"], "no dataset named 'zzz'; known: "),
     ],

@@ -9,8 +9,15 @@ from pathlib import Path
 import yaml
 from snakemake.exceptions import WorkflowError
 
+from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.maps import KINDS as MAP_KINDS, map_path
-from modlhmp.settings import check, check_config, check_datasets, load_dataset
+from modlhmp.settings import (
+    check,
+    check_config,
+    check_datasets,
+    load_dataset,
+    method_settings,
+)
 from modlhmp.storage import DataError
 from modlhmp.versions import code_version
 
@@ -47,18 +54,10 @@ except DataError as error:
 RUN = config["run"]
 EXHIBITS = f"paper_figures/{RUN}"
 TITLES = {name: config["methods"][name]["title"] for name in config["compare"]}
-METHODS = {
-    name: {
-        "kind": config["methods"][name]["kind"],
-        # Only a map's method reads the roll-out options.
-        "options": (
-            {**config["rollout"], **config["methods"][name].get("options", {})}
-            if config["methods"][name]["kind"] in MAP_KINDS
-            else {}
-        ),
-    }
-    for name in config["compare"]
-}
+METHODS = {name: method_settings(config, name) for name in config["compare"]}
+LEARNED = [name for name in METHODS if METHODS[name]["kind"] in LEARNED_KINDS]
+
+NO_METHOD = "(?!)"  # a wildcard constraint that nothing meets
 
 
 wildcard_constraints:
@@ -68,9 +67,14 @@ wildcard_constraints:
     label="[A-Za-z0-9_-]+",
 
 
-def code_of(script):
+def code_of(script, *modules):
     """Hash of the code that a script's result depends on: an edit reruns exactly the rules that use it."""
-    return code_version(ROOT / f"workflow/scripts/{script}.py")
+    return code_version(ROOT / f"workflow/scripts/{script}.py", *modules)
+
+
+def network_code(script, method):
+    """The same for a script that uses a method's network."""
+    return code_of(script, f"modlhmp.baselines.{METHODS[method]['kind']}")
 
 
 # The keys of a dataset file that decide a stage's result; the others only name and draw.
@@ -111,6 +115,14 @@ def recording(wildcards):
     return next(
         r for r in recordings(wildcards.dataset) if r["name"] == wildcards.recording
     )
+
+
+def same_day(dataset, name):
+    """Names of the other recordings of a recording's day: their people were there as well."""
+    day = next(r["day"] for r in recordings(dataset) if r["name"] == name)
+    return [
+        r["name"] for r in recordings(dataset) if r["day"] == day and r["name"] != name
+    ]
 
 
 def track_files(split):
@@ -183,3 +195,13 @@ TABLES = {
 }
 LABELS = [dataset["label"] for dataset in DATASETS.values()]
 KINDS_RUN = {method["kind"] for method in METHODS.values()}
+TRAINING_PEOPLE = {  # recordings whose people are seen in training: the training ones and others of their days
+    dataset: list(
+        dict.fromkeys(
+            name
+            for r in recordings(dataset, "train")
+            for name in (r["name"], *same_day(dataset, r["name"]))
+        )
+    )
+    for dataset in DATASETS
+}

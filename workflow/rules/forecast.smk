@@ -16,6 +16,8 @@ rule forecast_recording:
         f"results/{RUN}/logs/forecast_recording/{{dataset}}/{{method}}/{{recording}}.log",
     benchmark:
         f"results/{RUN}/benchmarks/forecast_recording/{{dataset}}/{{method}}/{{recording}}.tsv"
+    wildcard_constraints:
+        method="|".join(name for name in METHODS if name not in LEARNED) or NO_METHOD,
     resources:
         mem_mb=1500,
         runtime=60,

@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.paper.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
 from modlhmp.paper.table_forms import write_table
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.summary import main_output, nan_mean, scored_horizons
 from modlhmp.scoring.ttests import holm, paired_test
 
-LEARNED = ("trajectronpp", "mid", "tutr", "social_lstm", "lstm")
 NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"
 ALL = ("atc", "edin")
 
@@ -311,7 +311,7 @@ def _verdict(row):
 
 
 def _learned(one, kinds):
-    return [method for method in one.errors if kinds[method] in LEARNED]
+    return [method for method in one.errors if kinds[method] in LEARNED_KINDS]
 
 
 def _if_none(one, kinds):

@@ -1,0 +1,18 @@
+"""The learned baselines of the paper: LSTM, Social LSTM, Trajectron++, TUTR and MID.
+
+One module a network (contract: `baselines.network`), trained by one loop (`baselines.training`) on one form of data
+(`baselines.data`), and forecasting like any other method (`baselines.forecaster`). PyTorch is imported only in here.
+"""
+
+import os
+from importlib import import_module
+
+KINDS = ("lstm", "social_lstm", "trajectronpp", "tutr", "mid")
+
+# Read when PyTorch loads OpenMP: threads that wait by spinning stall each other when another process is busy.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+
+
+def network_class(kind):
+    """The class of a kind of network: `Network` of the module of that name."""
+    return import_module(f"modlhmp.baselines.{kind}").Network

@@ -1,0 +1,83 @@
+"""What a network must offer to be trained and to forecast; batches are `data.Scenes` of tensors.
+
+Gradients, masks and random numbers of all networks follow the same rules: padded steps are taken out with
+`torch.where` before anything non-linear, and a forecast's noise comes from the track's keys.
+"""
+
+import math
+
+import torch
+from torch import nn
+
+
+class Base(nn.Module):
+    """Contract of a network; `steps` and `observed_rows` are those of the dataset, `step_s` its time step [s]."""
+
+    output = "single"  # how one result comes out of the k futures (forecasting.base)
+    turns = None  # augmentation: number of equal turns of a circle (0: any angle), None for none
+
+    def __init__(self, steps, observed_rows, step_s):
+        super().__init__()
+        self.steps, self.observed_rows, self.step_s = steps, observed_rows, step_s
+        self.planned_iterations = 0  # of the whole training, set before it starts
+
+    def prepare(self, scenes):
+        """Look at all training data once before the first epoch."""
+
+    def loss(self, scenes):
+        """Mean loss of a batch, a scalar; draws from torch's global generator."""
+        raise NotImplementedError
+
+    def forecast(self, past, present, keys):
+        """Positions [n, k, steps, 2] relative to t0's from what was observed and the keys [n, k] of the futures."""
+        raise NotImplementedError
+
+    def optimiser(self, lr):
+        """The original's optimiser."""
+        return torch.optim.Adam(self.parameters(), lr=lr)
+
+    def decay(self, done):
+        """The original's learning-rate factor after a share `done` of the training."""
+        return 1.0
+
+    def clip(self):
+        """Bound the gradients, where the original does."""
+
+    def validation_error(self, scenes):
+        """ADE [n] in m of each track up to its own length; a network of several futures shows one."""
+        keys = torch.zeros(len(scenes.past), 1, dtype=torch.int64)
+        xy = self.forecast(scenes.past, scenes.past_present, keys)
+        return track_ade(xy[:, 0], scenes.future[:, 0], scenes.future_present[:, 0])
+
+    def parameter_count(self):
+        """Number of trained numbers."""
+        return sum(p.numel() for p in self.parameters() if p.requires_grad)
+
+
+def cosine(done):
+    """Learning-rate factor from 1 to 0.1 along half a cosine."""
+    return 0.55 + 0.45 * math.cos(math.pi * done)
+
+
+def track_ade(xy, truth, present):
+    """ADE [n] of paths [n, T, 2] over the present steps."""
+    distance = torch.linalg.vector_norm(xy[:, : truth.shape[1]] - truth, dim=-1)
+    return torch.where(present, distance, 0.0).sum(-1) / present.sum(-1)
+
+
+def masked_mean(values, mask):
+    """Mean of the values where the mask holds."""
+    return torch.where(mask, values, 0.0).sum() / mask.sum()
+
+
+def trimmed(scenes):
+    """The longest truth among the predicted persons, in steps: what is decoded of a batch."""
+    return int(scenes.future_present[:, 0].sum(-1).max())
+
+
+def rotated(scenes, angle):
+    """Scenes turned about t0's position by `angle` [n] in rad: past, future and neighbours alike."""
+    c, s = torch.cos(angle), torch.sin(angle)
+    turn = torch.stack([torch.stack([c, s], -1), torch.stack([-s, c], -1)], -2)  # row vectors times this
+    past, future = (torch.einsum("nmti,nij->nmtj", part, turn) for part in (scenes.past, scenes.future))
+    return scenes._replace(past=past, future=future)
