@@ -8,6 +8,7 @@ import math
 from collections import defaultdict
 from datetime import datetime
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from zoneinfo import ZoneInfo
@@ -291,6 +292,48 @@ def roll_out(mod, x, y, speed, heading, draws, step_s, beta, speed_rule):
         path.append((x, y))
         fitness.append(total)
     return path, fitness, alive
+
+
+# --- neighbours ---------------------------------------------------------------------------------------------
+
+
+def find_neighbours(people, who, row, rows, step_s, radius=6.0, most=5, late=1.05, max_gap_s=5.0):
+    """[(person, [(x, y) or None] * rows)] around person `who` at that person's `row`, the nearest first.
+
+    `people` is a list of lists of (t, x, y). Of another person the rows up to t0 are known; the newest must be younger
+    than `late` steps. Beyond it the last velocity goes on (0 without a row in the `max_gap_s` before it), between rows
+    the path is linear, and at times more than `late` - 1 steps before the first row the person is absent (None).
+    """
+    t0, x0, y0 = people[who][row]
+    found = []
+    for person, walk in enumerate(people):
+        known = [at for at in walk if at[0] <= t0]
+        if person == who or not known or t0 - known[-1][0] >= late * step_s:
+            continue
+        velocity = 0.0, 0.0
+        if len(known) > 1 and 0 < known[-1][0] - known[-2][0] <= max_gap_s:
+            dt = known[-1][0] - known[-2][0]
+            velocity = (known[-1][1] - known[-2][1]) / dt, (known[-1][2] - known[-2][2]) / dt
+        seen = [
+            None if t < known[0][0] - (late - 1.0) * step_s else position(known, t, velocity)
+            for t in (t0 - step_s * back for back in range(rows - 1, -1, -1))
+        ]
+        distance = math.hypot(seen[-1][0] - x0, seen[-1][1] - y0)
+        if distance <= radius:
+            found.append((distance, person, seen))
+    return [(person, seen) for _, person, seen in sorted(found)[:most]]
+
+
+def position(walk, t, velocity=(0.0, 0.0)):
+    """(x, y) at time t of rows (t, x, y): linear between two, the first before them, going on at `velocity` after."""
+    if t <= walk[0][0]:
+        return walk[0][1:]
+    for (ta, xa, ya), (tb, xb, yb) in pairwise(walk):
+        if t <= tb:
+            share = (t - ta) / (tb - ta)
+            return xa + share * (xb - xa), ya + share * (yb - ya)
+    last, x, y = walk[-1]
+    return x + velocity[0] * (t - last), y + velocity[1] * (t - last)
 
 
 # --- scoring ------------------------------------------------------------------------------------------------
