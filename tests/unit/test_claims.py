@@ -37,6 +37,7 @@ def evidence(**changes):
     """Four methods: TC-CLiFF better than CLiFF everywhere, STeF better than both at 60 s."""
     known = {
         "dataset": HALL, "horizons": HORIZONS, "studies": {}, "lengths": np.linspace(1, 100, 300), "runtime": None,
+        "idle": frozenset(),
         "errors": {
             "tc_cliff": errors_of([1, 2, 4, 8]), "cliff": errors_of([1.5, 2.5, 4.5, 8.5], seed=1),
             "stef": errors_of([2, 3, 5, 7], seed=2), "cvm": errors_of([2, 4, 10, 20], ("single",), seed=3),
@@ -85,6 +86,22 @@ def test_half_of_a_network_s_error():
     errors["lstm"] = errors_of([1, 1.8, 9, 14], ("single",), seed=4)  # half of it is 7, TC-CLiFF has 8
     table = claims.test_claims([evidence(errors=errors)], TITLES, KINDS)
     assert verdicts(table, "ADE TC-CLiFF < 0.5 × LSTM, 60 s") == {"contradicted"}
+
+
+def test_who_idles_is_told_apart():
+    """The network gains 3 m of FDE on the 50 tracks that idle and loses 0.5 m on the others."""
+    keys = errors_of([1, 2, 4, 8])["ranked", "paper"].keys
+    gain = np.where(np.arange(len(keys)) < 50, -1.5, 0.25)[None, :, None]
+    lstm = {key: one._replace(ade=one.ade + gain, fde=one.fde + 2 * gain)
+            for key, one in errors_of([1, 2, 4, 8], ("single",), seed=4).items()}  # fmt: skip
+    known = {"errors": {**evidence().errors, "lstm": lstm}, "dataset": {**HALL, "label": "edin"}}
+    table = claims.test_claims([evidence(idle=frozenset(keys[:50]), **known)], TITLES, KINDS)
+    row = table[table["our test"].str.contains("those who idle")].iloc[0]
+    assert row["verdict"] == "supported"
+    assert row["mean difference"] == pytest.approx(-3.5, abs=0.4)
+    assert row["measured"].endswith("(n 150)")
+    table = claims.test_claims([evidence(idle=frozenset(keys[:1]), **known)], TITLES, KINDS)
+    assert verdicts(table, "those who idle") == {"too few tracks"}
 
 
 def test_gain_of_ranking_grows():

@@ -17,9 +17,9 @@ from modlhmp.storage import read_metadata
 
 pytestmark = pytest.mark.xdist_group("tiny")  # one worker makes the tiny run that all these tests look at
 TINY = ("--configfile", "config/tiny.yaml")
-TABLES = ("tab_scenarios", "tab_expres", "tab_ttests", "claims")
+TABLES = ("tab_scenarios", "tab_expres", "tab_ttests", "claims", "tab_models")
 FIGURES = (
-    *("rank", "prediction_example", "rank-metrics", "coverage"),
+    *("rank", "prediction_example", "rank-metrics", "coverage", "learning-curves"),
     *(
         name.format(label)
         for label in ("atc", "edin")
@@ -95,18 +95,20 @@ def test_the_study_s_default_is_the_table_s(tiny_run):
 
 
 def test_every_claim_has_a_verdict(tiny_run):
-    """And the tests of learned methods, which do not exist yet, say so."""
+    """Those of learned methods too, since all five are compared."""
     claims = pd.read_csv(tiny_run.folder / "paper_figures/tiny/claims.csv")
     assert claims["verdict"].notna().all()
     assert set(claims["dataset"]) == {"Demo hall", "Demo forum"}
-    assert (claims["our test"] == "needs learned methods (none is compared here)").sum() >= 3
+    assert not claims["our test"].str.contains("needs learned methods").any()
 
 
 def test_results_have_the_promised_columns_and_hold_together(tiny_run):
     """Both protocols of every method at every horizon; more tracks are scored the shorter the horizon."""
     results = pd.read_csv(tiny_run.folder / "paper_figures/tiny/results.csv")
     assert tuple(results.columns) == COLUMNS
-    assert set(results["method"]) == {"tc_cliff", "cliff", "stef", "cvm"}
+    maps, networks = {"tc_cliff", "cliff", "stef"}, {"trajectronpp", "mid", "tutr", "social_lstm", "lstm"}
+    assert set(results["method"]) == {*maps, *networks, "cvm"}
+    assert set(results.loc[results["method"] == "mid", "output"]) == {"mean", "mean_path"}
     steps = results.groupby(["dataset", "method", "output", "protocol"])["horizon_s"].agg(["min", "max", "size"])
     assert (steps["min"] == 1).all()
     assert (steps["max"] == steps["size"]).all()
@@ -149,7 +151,7 @@ def test_one_core_gives_the_same_bits(tiny_run, project):
     """Results do not depend on cores or on the order of jobs."""
     shutil.copytree(tiny_run.folder / "resources", project.folder / "resources")
     project.snakemake("--cores", 1, *TINY)
-    for name in ("results.csv", "tab_ttests.csv", "atc_final.csv"):
+    for name in ("results.csv", "tab_ttests.csv", "atc_final.csv", "learning-curves.csv"):
         ours, theirs = (p.folder / "paper_figures/tiny" / name for p in (tiny_run, project))
         assert ours.read_bytes() == theirs.read_bytes(), name
     for file in (tiny_run.folder / "results/tiny").rglob("*.parquet"):
@@ -198,6 +200,17 @@ def test_an_edit_of_a_map_s_code_remakes_that_map(tiny_run, tmp_path):
     rules = edited(tiny_run, tmp_path, "maps/mean_shift.py")
     assert {"build_cliff", "build_tc_cliff", "forecast_recording", "figure_cliff_hours", "table_claims"} <= rules
     assert not {"clean_recording", "build_stef", "figure_stef_hours", "table_parameters"} & rules
+
+
+def test_an_edit_of_a_network_trains_that_network_alone(tiny_run, tmp_path):
+    """And redoes what stands on its forecasts; MID has Trajectron++'s encoder, so an edit of that is one of both."""
+    rules = edited(tiny_run, tmp_path, "baselines/tutr.py")
+    assert {"train_tutr", "forecast_with_network", "score_method", "table_models", "table_results"} <= rules
+    trained = {rule for rule in rules if rule.startswith("train_")}
+    assert trained == {"train_tutr"}
+    assert not {"forecast_recording", "build_cliff", "study_parameter", "clean_recording"} & rules
+    both = edited(tiny_run, tmp_path / "again", "baselines/trajectronpp.py")
+    assert {rule for rule in both if rule.startswith("train_")} == {"train_trajectronpp", "train_mid"}
 
 
 def edited(tiny_run, tmp_path, module):

@@ -192,6 +192,7 @@ TABLES = {
     "tab_expres": "results",
     "tab_ttests": "t-tests",
     "claims": "the paper's claims, tested",
+    "tab_models": "trained networks",
 }
 LABELS = [dataset["label"] for dataset in DATASETS.values()]
 KINDS_RUN = {method["kind"] for method in METHODS.values()}

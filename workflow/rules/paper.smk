@@ -197,6 +197,7 @@ rule tables:
         rules.table_results.output,
         rules.table_ttests.output,
         rules.table_claims.output,
+        MODEL_TABLES,
 
 
 rule figures:
@@ -205,6 +206,7 @@ rule figures:
         expand(rules.figure_horizon_errors.output, label=LABELS),
         MAP_FIGURES,
         FORECAST_FIGURES,
+        MODEL_FIGURES,
         rules.figure_coverage.output,
         rules.figure_runtime.output if measured_runtimes(None) else [],
         rules.figure_ranking.output if "tc_cliff" in METHODS else [],

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from modlhmp.forecasting.observe import seconds_after_t0
 from modlhmp.logs import job_log
-from modlhmp.paper.claims import Evidence, claim_horizons, test_claims, write_claims
+from modlhmp.paper.claims import Evidence, claim_horizons, idle_keys, test_claims, write_claims
 from modlhmp.scoring.summary import at_horizons, read_errors
 from modlhmp.tracks import read_tracks
 
@@ -24,10 +24,11 @@ with job_log(snakemake.log[0]) as log:
             for folder in mine
             if folder.parent.name == "studies"
         }
-        tracks = (read_tracks(file) for file in mine if file.parent.name == "tracks")
-        lengths = seconds_after_t0(tracks, dataset["observed_rows"])
+        tracks = {file.stem: read_tracks(file) for file in mine if file.parent.name == "tracks"}
+        lengths = seconds_after_t0(tracks.values(), dataset["observed_rows"])
+        idle = idle_keys(tracks, dataset["observed_rows"])
         runtime = next((json.loads(file.read_text()) for file in mine if file.name == "runtime.json"), None)
-        evidence.append(Evidence(dataset, horizons, errors, studies, lengths, runtime))
+        evidence.append(Evidence(dataset, horizons, errors, studies, lengths, idle, runtime))
     table = test_claims(evidence, params.titles, params.kinds)
     log.info("%s", table["verdict"].value_counts().to_dict())
     demo = any(dataset["demo"] for dataset in params.datasets)

@@ -1,7 +1,8 @@
 """MID: the future's velocities are denoised step by step from Gaussian noise, given Trajectron++'s encoding.
 
 T. Gu, G. Chen, J. Li, C. Lin, Y. Rao, J. Zhou, J. Lu, Stochastic trajectory prediction via motion indeterminacy
-diffusion, CVPR 2022. Departures: no dropout while sampling, derivatives look backward only.
+diffusion, CVPR 2022. Departures: no dropout while sampling, derivatives look backward only, steps that are not there
+are neither attended to nor counted. At a forecast all steps are, so it is one for people who stay the whole horizon.
 """
 
 import math
@@ -25,7 +26,8 @@ class Schedule:
     """beta_t, alpha_t and their running product abar_t for t = 0..T in float64; beta_0 = 0."""
 
     def __init__(self):
-        self.beta = torch.cat([torch.zeros(1), torch.linspace(BETA_FIRST, BETA_LAST, TIMES)]).double()
+        rising = torch.linspace(BETA_FIRST, BETA_LAST, TIMES, dtype=torch.float64)
+        self.beta = nn.functional.pad(rising, (1, 0))
         self.alpha = 1 - self.beta
         self.abar = self.alpha.cumprod(0)
 
@@ -117,7 +119,7 @@ def diffused(x0, t, noise):
 def ddim(noise_at, x, stride=STRIDE):
     """Sample from x_T = x with `noise_at`(x, t) by deterministic steps of `stride` down to 0 (DDIM, eta = 0)."""
     for t in range(TIMES, 0, -stride):
-        now, then = (SCHEDULE.abar[time].item() for time in (t, t - stride))
+        now, then = (SCHEDULE.abar[time].item() for time in (t, max(t - stride, 0)))
         noise = noise_at(x, torch.full((len(x),), t, device=x.device))
         x0 = (x - math.sqrt(1 - now) * noise) / math.sqrt(now)
         x = math.sqrt(then) * x0 + math.sqrt(1 - then) * noise

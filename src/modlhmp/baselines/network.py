@@ -22,7 +22,7 @@ class Base(nn.Module):
         self.planned_iterations = 0  # of the whole training, set before it starts
 
     def prepare(self, scenes):
-        """Look at all training data once before the first epoch."""
+        """Look at one window of every training track before the first epoch, on the CPU."""
 
     def loss(self, scenes):
         """Mean loss of a batch, a scalar; draws from torch's global generator."""

@@ -29,6 +29,7 @@ def choose_device(wanted):
             "configuration, learned.device: cuda was asked for, but PyTorch sees no GPU here (the locked build is for "
             "the CPU; install a CUDA build of the same version); use `auto` or `cpu`"
         )
+    torch.backends.cudnn.allow_tf32 = False  # so that a GPU's forecasts are those of the CPU but for rounding
     return torch.device("cuda" if wanted != "cpu" and available else "cpu")
 
 

@@ -1,7 +1,8 @@
 """Trajectron++ for pedestrians without a map: a CVAE with a discrete latent whose decoder yields velocity mixtures.
 
 T. Salzmann, B. Ivanovic, P. Chakravarty, M. Pavone, Trajectron++, ECCV 2020. Departures: derivatives look backward
-only (the published code's looked ahead), and an absent neighbour adds nothing (there, minus the walker's own state).
+only (the published code's looked ahead); an absent neighbour adds nothing (there, minus the walker's own state); edges
+ramp up within the observed steps; the log-likelihood counts the steps that are there; short trainings anneal faster.
 """
 
 import math
@@ -79,9 +80,11 @@ class Network(Base):
     def loss(self, scenes):
         """-(log-likelihood summed over steps - beta max(0.07, KL) + mutual information), a mean over the batch."""
         steps = trimmed(scenes)
-        truth, mask = scenes.future[:, 0, :steps], scenes.future_present[:, 0, :steps]
+        mask = scenes.future_present[:, 0, :steps]
+        truth = torch.where(mask[..., None], scenes.future[:, 0, :steps], 0.0)
         context, now = self.encoder(scenes.past, scenes.past_present)
         beta, clip = annealed(int(self.iteration), self.planned_iterations)
+        clip = clip if self.training else math.inf
         prior = torch.softmax(clipped(self.prior(context), clip), -1)
         ahead = self.encode_future(truth, mask, now)
         posterior = torch.softmax(clipped(self.posterior(torch.cat([context, ahead], -1)), clip), -1)

@@ -1,7 +1,8 @@
 """TUTR: a transformer that scores general motion modes and turns the likeliest into a path.
 
 L. Shi, L. Wang, S. Zhou, G. Hua, Trajectory unified transformer for pedestrian trajectory prediction, ICCV 2023.
-Departures for futures of different lengths: modes, the closest mode and the losses look at the steps that are there.
+Departures: modes, the closest mode and the losses look at the steps that are there; a neighbour counts if it was seen
+all the time; modes come from k-means++ and at most 30 Lloyd steps over futures as they are, unsmoothed and unturned.
 """
 
 import math
@@ -124,7 +125,7 @@ def motion_modes(future, mask, number):
     centres = filled[_first_centres(future, mask, filled, number, generator)]
     weights = mask.to(future.dtype)
     for _ in range(LLOYD_ITERATIONS):
-        member = torch.zeros(len(future), number).scatter_(
+        member = future.new_zeros(len(future), number).scatter_(
             1, mode_distance(future, mask, centres).argmin(1)[:, None], 1.0
         )
         present = member.T @ weights
@@ -149,7 +150,7 @@ def extended(paths, mask):
 def _first_centres(future, mask, filled, number, generator):
     """Indices of futures for k-means++: each drawn by its squared distance to the nearest one chosen."""
     chosen = [int(torch.randint(len(future), (1,), generator=generator))]
-    nearest = torch.full((len(future),), math.inf)
+    nearest = future.new_full((len(future),), math.inf)
     while len(chosen) < number:
         distance = mode_distance(future, mask, filled[chosen[-1:]])[:, 0]
         nearest = torch.minimum(nearest, distance**2)

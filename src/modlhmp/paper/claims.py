@@ -11,12 +11,15 @@ import pandas as pd
 from scipy import stats
 
 from modlhmp.baselines import KINDS as LEARNED_KINDS
+from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.paper.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
 from modlhmp.paper.table_forms import write_table
+from modlhmp.scoring.errors import is_idle
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.summary import main_output, nan_mean, scored_horizons
 from modlhmp.scoring.ttests import holm, paired_test
 
+IDLE = (5, 1.0)  # two rows so many apart are less than so many metres apart: the paper protocol's filter on ATC
 NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"
 ALL = ("atc", "edin")
 
@@ -55,8 +58,8 @@ class Evidence(NamedTuple):
     """All that is known of one dataset.
 
     `errors` maps a method to `summary.at_horizons` of its errors at `horizons` [s]; `studies` maps a parameter to
-    {value: the same}; `lengths` [n] are the seconds after t0 of the usable test tracks; `runtime` is what the runtime
-    study measured, None if it has not run.
+    {value: the same}; `lengths` [n] are the seconds after t0 of the usable test tracks; `idle` holds the keys of those
+    who stand about (`IDLE`); `runtime` is what the runtime study measured, None if it has not run.
     """
 
     dataset: dict
@@ -64,6 +67,7 @@ class Evidence(NamedTuple):
     errors: dict
     studies: dict
     lengths: np.ndarray
+    idle: frozenset
     runtime: dict
 
 
@@ -73,6 +77,15 @@ def claim_horizons(dataset, table_horizons):
     half = max(round(longest / 2 / step), 1) * step
     short = SHORT_S.get(dataset["label"], half)
     return sorted({*scored_horizons(table_horizons, dataset), half, longest, *([short] if short <= longest else [])})
+
+
+def idle_keys(recordings, observed_rows):
+    """Keys "recording/track" of the usable tracks of {recording: Tracks} who stand about, by `IDLE`."""
+    keys = []
+    for name, tracks in recordings.items():
+        rows = usable_tracks(tracks, observed_rows)
+        keys += [f"{name}/{track}" for track in tracks.track_id[rows[is_idle(tracks, rows, *IDLE), 0]]]
+    return frozenset(keys)
 
 
 def test_claims(evidence, titles, kinds):
@@ -146,7 +159,14 @@ def _short(one, titles, kinds):
 
 def _idling(one, titles, kinds):
     for learned in _learned(one, kinds):
-        yield from _better(one, titles, learned, "tc_cliff", [one.dataset["horizon_s"]], ("fde",))
+        longest = one.dataset["horizon_s"]
+        yield from _better(one, titles, learned, "tc_cliff", [longest], ("fde",))
+        if "tc_cliff" in one.errors:
+            for protocol in PROTOCOLS:
+                mine, other, keys = _pair(one, learned, "tc_cliff", protocol, "fde", longest)
+                gain, idle = mine - other, np.isin(keys, list(one.idle))
+                text = f"FDE {titles[learned]} - {titles['tc_cliff']}, {longest:g} s: those who idle < the others"
+                yield _tested_groups(protocol, text, gain[idle], gain[~idle])
     yield from _if_none(one, kinds)
 
 
@@ -253,7 +273,7 @@ def _better(one, titles, ours, theirs, horizons, metrics=("ade", "fde"), factor=
     for protocol in PROTOCOLS:
         for metric in metrics:
             for horizon in horizons:
-                mine, other = _pair(one, ours, theirs, protocol, metric, horizon)
+                mine, other, _ = _pair(one, ours, theirs, protocol, metric, horizon)
                 name = metric.upper() if metric != "infeasible" else "share into walls"
                 text = f"{name} {titles[ours]} < {times}{titles[theirs]}, {horizon:g} s"
                 yield _tested(protocol, text, mine, factor * other)
@@ -274,16 +294,17 @@ def _study(one, parameter, pairs, symbol):
 
 
 def _pair(one, ours, theirs, protocol, metric, horizon):
-    """Values of both methods on the tracks that both have, in the same order."""
+    """Values of both methods on the tracks that both have, in the same order, and the tracks' keys."""
     sides = [one.errors[m][main_output({o for o, _ in one.errors[m]}), protocol] for m in (ours, theirs)]
-    _, *at = np.intersect1d(sides[0].keys, sides[1].keys, return_indices=True)
+    keys, *at = np.intersect1d(sides[0].keys, sides[1].keys, return_indices=True)
     column = one.horizons.index(horizon)
-    return [getattr(side, metric)[0, rows, column].astype(float) for side, rows in zip(sides, at, strict=True)]
+    values = [getattr(side, metric)[0, rows, column].astype(float) for side, rows in zip(sides, at, strict=True)]
+    return *values, keys
 
 
 def _means(one, ours, theirs, protocol, metric, horizon):
     """Mean of both methods over the tracks that both scored."""
-    mine, other = _pair(one, ours, theirs, protocol, metric, horizon)
+    mine, other, _ = _pair(one, ours, theirs, protocol, metric, horizon)
     both = np.isfinite(mine) & np.isfinite(other)
     return nan_mean(np.where(both, mine, np.nan), 0), nan_mean(np.where(both, other, np.nan), 0)
 
@@ -298,6 +319,20 @@ def _tested(protocol, text, mine, other):
     interval = f"{low:.3f} to {high:.3f}" if np.isfinite(low) else ""
     numbers = {"n": n, "mean difference": mean, "95 % CI": interval, "p": p, "_low": low}
     return {**_row(protocol, text, measured, verdict), **numbers}
+
+
+def _tested_groups(protocol, text, first, second):
+    """A row with Welch's test of mean(first) < mean(second), of different tracks."""
+    first, second = (group[np.isfinite(group)] for group in (first, second))
+    if min(len(first), len(second)) < 2:
+        return _row(protocol, text, f"{len(first)} and {len(second)} tracks", "too few tracks")
+    test = stats.ttest_ind(first, second, equal_var=False, alternative="less")
+    interval = stats.ttest_ind(first, second, equal_var=False).confidence_interval(0.95)
+    return {
+        **_row(protocol, text, f"{first.mean():.3f} (n {len(first)}) against {second.mean():.3f} (n {len(second)})"),
+        "n": len(first) + len(second), "mean difference": first.mean() - second.mean(),
+        "95 % CI": f"{interval.low:.3f} to {interval.high:.3f}", "p": test.pvalue, "_low": interval.low,
+    }  # fmt: skip
 
 
 def _row(protocol, text, measured, verdict=""):
