@@ -22,13 +22,13 @@ def straight(track_id, start, velocity, rows, began=0.0, step_s=1.0):
     return walk(track_id, began + times, np.array(start) + times[:, None] * np.array(velocity))
 
 
-def crowd(seed, people=40, size=9.0, step_s=1.0, most_rows=20, span=30):
-    """People who come within `span` steps, with jittered clocks, missing rows and now and then a single row."""
+def crowd(seed, people=40, size=9.0, step_s=1.0, most_rows=20, span=30, gaps=(1, 1, 1, 1, 2, 7)):
+    """People who come within `span` steps, with jittered clocks, rows some `gaps` apart and now and then just one."""
     rng = np.random.default_rng(seed)
     tables = []
     for track_id in 7 + rng.permutation(people):
         rows = int(rng.integers(1, most_rows))
-        times = rng.uniform(0, span) + np.cumsum(rng.choice([1, 1, 1, 1, 2, 7], rows))
+        times = rng.uniform(0, span) + np.cumsum(rng.choice(gaps, rows))
         times = step_s * (times + rng.uniform(-0.04, 0.04, rows))
         pace = rng.uniform(-0.7, 0.7, 2) / step_s * (times - times[0])[:, None]
         tables.append(walk(track_id, times, rng.uniform(0, size, 2) + pace + rng.normal(0, 0.05, (rows, 2))))
