@@ -11,7 +11,7 @@ import yaml
 from modlhmp.cleaning import RULES
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import find_recording, open_raw
-from modlhmp.settings import check, check_config, load_dataset
+from modlhmp.settings import check, check_config, load_dataset, method_settings
 from modlhmp.storage import DataError
 
 ROWS = "0,1,0,0\n1,1,1,0\n2,1,2,0\n"
@@ -128,6 +128,8 @@ def config(config_folder):
         (("rollout",), "bata", "beta"),
         (("maps", "cliff"), "radius", "radius_m"),
         (("methods", "cvm"), "knd", "kind"),
+        (("learned",), "futurs", "futures"),
+        (("budgets", "demo", "tutr"), "epoch", "epochs"),
     ],
 )
 def test_a_mistyped_key_gets_a_hint(config, schemas, path, wrong, right):
@@ -157,12 +159,36 @@ def test_a_key_like_no_other_gets_the_list(config, schemas):
         ("demo", "scale", 0),
         ("demo", "seed", "one"),
         ("maps", "cliff", None),
+        ("learned", "budget", "economic"),
+        ("learned", "device", "gpu"),
+        ("learned", "threads", 0),
     ],
 )
 def test_a_wrong_value_is_named_with_its_key(config, schemas, section, key, value):
     config[section][key] = value
     with pytest.raises(DataError, match=f"my.yaml:\n.*{section}.{key}: .*{value}"):
         check(config, schemas["config"], "my.yaml")
+
+
+@pytest.mark.parametrize(("kind", "wrong"), [("lstm", "beta"), ("tc_cliff", "epochs")])
+def test_an_option_of_another_kind_of_method_is_refused(config, schemas, kind, wrong):
+    """A network has no beta, a map no epochs."""
+    config["methods"]["mine"] = {"kind": kind, "title": "Mine", "options": {wrong: 1}}
+    with pytest.raises(DataError, match=f"methods.mine.options: unknown key '{wrong}'"):
+        check(config, schemas["config"], "my.yaml")
+
+
+def test_a_network_s_settings_are_its_budget_s_and_its_own(config, schemas):
+    """Its own options win; it may name another budget and other futures; threads are the rule's."""
+    options = {"budget": "economical", "futures": "full", "epochs": 7, "rotate": False}
+    config["methods"]["mine"] = {"kind": "tutr", "title": "Mine", "options": options}
+    check(config, schemas["config"], "my.yaml")
+    mine = method_settings(config, "mine")
+    assert mine["options"] == {**config["budgets"]["economical"]["tutr"], "epochs": 7, "rotate": False}
+    assert mine["learned"] == {"budget": "economical", "futures": "full", "device": "auto", "seed": 0}
+    assert method_settings(config, "tutr")["options"] == config["budgets"]["demo"]["tutr"]
+    assert method_settings(config, "cvm") == {"kind": "cvm", "options": {}}
+    assert method_settings(config, "stef")["options"] == config["rollout"]
 
 
 def test_all_problems_are_told_at_once(config, schemas):

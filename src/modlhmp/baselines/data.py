@@ -126,12 +126,11 @@ def training_data(days, futures, held_out_share, seed, *shape):
 
     `shape` = (steps, observed rows, time step in s).
     """
-    fitted, validation = [], []
-    for day in days:
-        keys = stream_keys(day.tracks.track_id[day.rows[:, 0]], 1, "validation", seed)[:, 0]
-        out = keys < np.uint64(held_out_share * 2.0**64)
-        fitted.append(day._replace(rows=day.rows[~out]))
-        validation.append(day._replace(rows=day.rows[out]))
+    keys = [stream_keys(d.tracks.track_id[d.rows[:, 0]], 1, "validation", seed)[:, 0] for d in days]
+    lowest = min((key.min() for key in keys if len(key)), default=0)
+    limit = max(np.uint64(held_out_share * 2.0**64), lowest)  # somebody at least is held out
+    fitted = [day._replace(rows=day.rows[key > limit]) for day, key in zip(days, keys, strict=True)]
+    validation = [day._replace(rows=day.rows[key <= limit]) for day, key in zip(days, keys, strict=True)]
     windows = [training_windows(day, futures, *shape) for day in fitted]
     if futures == "full" and not any(number.any() for number in windows):
         raise DataError(
