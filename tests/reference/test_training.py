@@ -1,0 +1,417 @@
+"""Training: seeded, resumable, stopped early; weights that only fit their configuration; forecasts free of batches."""
+
+import logging
+import re
+from itertools import chain
+
+import numpy as np
+import pytest
+import torch
+from crowds import crowd, straight
+
+from modlhmp.baselines import KINDS, forecaster, lstm, training
+from modlhmp.baselines.data import Scenes, day_of
+from modlhmp.baselines.forecaster import network_forecaster
+from modlhmp.baselines.training import (
+    batches,
+    build_network,
+    choose_device,
+    load_network,
+    save_network,
+    train,
+    validate,
+)
+from modlhmp.forecasting import forecast_recording
+from modlhmp.storage import DataError
+from modlhmp.tracks import concatenate, empty_tracks
+
+LOG = logging.getLogger("training")
+DATASET = {"observed_rows": 4, "horizon_s": 6.0, "time_step_s": 1.0}
+LEARNED = {"threads": 1, "device": "cpu", "futures": "masked", "seed": 0}
+OPTIONS = {"epochs": 4, "batch_size": 16, "learning_rate": 0.003, "schedule": "cosine", "patience": 9, "rotate": True}
+SIZES = {
+    "lstm": {"hidden": 8},
+    "social_lstm": {"hidden": 8},
+    "trajectronpp": {"decoder": 8, "modes": 4},
+    "tutr": {"width": 8, "modes": 5},
+    "mid": {"context": 8, "layers": 1, "k": 3},
+}
+NAMES = ("data", "method", "day")
+
+
+def options_of(kind, **changes):
+    return {**OPTIONS, **SIZES[kind], **changes}
+
+
+@pytest.fixture(scope="module")
+def days():
+    """Two days of some 50 usable people each."""
+    return [day_of(crowd(seed, people=60, most_rows=24, gaps=(1, 1, 1, 2)), [], 4) for seed in (1, 2)]
+
+
+@pytest.fixture
+def run(days, tmp_path):
+    """Function (kind, options, days=..., learned=...) -> what `train` returns, with one checkpoint file for all."""
+
+    def start(kind, options, days=days, checkpoint=tmp_path / "model.checkpoint", **learned):
+        return train(kind, options, days, DATASET, {**LEARNED, **learned}, checkpoint, LOG)
+
+    return start
+
+
+def curve_of(trained):
+    """The curve without its times."""
+    return [{name: value for name, value in row.items() if name != "seconds"} for row in trained[1]]
+
+
+def assert_same_training(one, other):
+    """Equal curves and weights to the last bit."""
+    assert curve_of(one) == curve_of(other)
+    weights, others = one[0].state_dict(), other[0].state_dict()
+    assert weights.keys() == others.keys()
+    for name, value in weights.items():
+        assert torch.equal(value, others[name]), name
+
+
+def interrupt(monkeypatch, epoch):
+    """Make `train` break off in an epoch, after its gradient steps and before its checkpoint."""
+    calls = []
+
+    def broken(*arguments):
+        calls.append(1)
+        if len(calls) == epoch:
+            raise KeyboardInterrupt
+        return validate(*arguments)
+
+    monkeypatch.setattr(training, "validate", broken)
+
+
+# --- repeatable, and resumable ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_interrupted_training_gives_the_weights_of_an_undisturbed_one(kind, run, tmp_path, monkeypatch, caplog):
+    whole = run(kind, options_of(kind), checkpoint=tmp_path / "whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        interrupt(patch, 3)
+        run(kind, options_of(kind))
+    torch.manual_seed(99)  # whatever has been drawn in between
+    with caplog.at_level(logging.INFO, "training"):
+        resumed = run(kind, options_of(kind))
+    assert f"{kind}: taken up after epoch 2" in caplog.text
+    assert "epoch 2 of 4" not in caplog.text
+    assert_same_training(resumed, whole)
+    summaries = [{name: value for name, value in one[2].items() if name != "minutes"} for one in (resumed, whole)]
+    assert summaries[0] == summaries[1]
+    assert_same_training(run(kind, options_of(kind)), whole)  # nothing is left to do
+    assert not [file.name for file in tmp_path.iterdir() if file.name.endswith(".part")]
+
+
+def test_the_same_seed_gives_the_same_training_and_another_another(run, tmp_path):
+    one, same, other = (
+        run("lstm", options_of("lstm"), checkpoint=tmp_path / str(n), seed=seed) for n, seed in enumerate((0, 0, 1))
+    )
+    assert_same_training(one, same)
+    assert curve_of(one)[0]["train_loss"] != curve_of(other)[0]["train_loss"]
+
+
+def test_curve_and_summary(run):
+    network, curve, summary = run("lstm", options_of("lstm", epochs=6, learning_rate=0.01))
+    assert [tuple(row) for row in curve] == [training.CURVE] * 6
+    assert [row["epoch"] for row in curve] == [1, 2, 3, 4, 5, 6]
+    assert curve[-1]["train_loss"] < curve[0]["train_loss"]
+    assert summary["parameters"] == network.parameter_count()
+    assert summary["tracks"] > 80
+    assert summary["validation_tracks"] > 0
+    assert summary["epochs"] == summary["planned_epochs"] == 6
+    errors = [row["validation_ade_m"] for row in curve]
+    assert summary["validation_ade_m"] == min(errors)
+    assert summary["best_epoch"] == 1 + errors.index(min(errors))
+    assert summary["device"] == "cpu"
+
+
+@pytest.mark.parametrize("schedule", ["cosine", "original"])
+def test_the_learning_rate_follows_its_schedule(run, schedule):
+    _, curve, summary = run("lstm", options_of("lstm", epochs=5, batch_size=4, schedule=schedule))
+    iterations = -(-summary["tracks"] // 4)
+    done = (np.arange(1, 6) * iterations - 1) / (5 * iterations)  # at the last iteration of each epoch
+    expected = 0.55 + 0.45 * np.cos(np.pi * done) if schedule == "cosine" else [1.0, 1.0, 0.1, 0.1, 0.01]
+    np.testing.assert_allclose([row["learning_rate"] / 0.003 for row in curve], expected, rtol=1e-9)
+
+
+# --- checkpoints of others ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("changed", [{"learning_rate": 0.001}, {"epochs": 3}, {"hidden": 4}])
+def test_a_checkpoint_of_other_options_is_not_taken_up(run, tmp_path, caplog, changed):
+    run("lstm", options_of("lstm", epochs=2))
+    again = run("lstm", options_of("lstm", **changed))
+    assert re.search(r"model\.checkpoint is of another configuration; training starts anew", caplog.text)
+    assert_same_training(again, run("lstm", options_of("lstm", **changed), checkpoint=tmp_path / "fresh"))
+
+
+@pytest.mark.parametrize("changed", [{"seed": 5}, {"futures": "full"}])
+def test_a_checkpoint_of_other_settings_is_not_taken_up(run, caplog, changed):
+    run("lstm", options_of("lstm", epochs=2))
+    again = run("lstm", options_of("lstm", epochs=2), **changed)
+    assert "another configuration" in caplog.text
+    assert len(again[1]) == 2
+
+
+def test_a_checkpoint_of_another_kind_or_other_tracks_is_not_taken_up(run, days, caplog):
+    run("lstm", options_of("lstm", epochs=1))
+    run("social_lstm", options_of("social_lstm", epochs=1))
+    assert caplog.text.count("another configuration") == 1
+    run("social_lstm", options_of("social_lstm", epochs=1), days=days[:1])
+    assert caplog.text.count("another configuration") == 2
+
+
+def cut_short(path):
+    path.write_bytes(path.read_bytes()[:2000])
+
+
+def overwritten(path):
+    path.write_bytes(bytes(range(256)) * 20)
+
+
+@pytest.mark.parametrize("damage", [cut_short, overwritten])
+def test_a_damaged_checkpoint_is_not_taken_up(run, tmp_path, caplog, damage):
+    whole = run("lstm", options_of("lstm"))
+    damage(tmp_path / "model.checkpoint")
+    assert_same_training(run("lstm", options_of("lstm")), whole)
+    assert re.search(r"model\.checkpoint cannot be read \(.+\); training starts anew", caplog.text)
+
+
+# --- stopping -----------------------------------------------------------------------------------------------
+
+
+def scripted(monkeypatch, errors):
+    """Let `validate` say these errors, epoch by epoch; returns the weights it is shown."""
+    left, shown = list(errors), []
+
+    def say(network, scenes, device):
+        shown.append({name: value.clone() for name, value in network.state_dict().items()})
+        return left.pop(0)
+
+    monkeypatch.setattr(training, "validate", say)
+    return shown
+
+
+def test_training_stops_when_it_no_longer_gains_and_returns_the_best_weights(run, monkeypatch):
+    shown = scripted(monkeypatch, [3.0, 1.0, 2.0, 1.5, 0.5, 0.9])
+    network, curve, summary = run("lstm", options_of("lstm", epochs=6, patience=2))
+    assert len(curve) == len(shown) == summary["epochs"] == 4  # two epochs without gain after the second
+    assert summary["planned_epochs"] == 6
+    assert (summary["best_epoch"], summary["validation_ade_m"]) == (2, 1.0)
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, shown[1][name])
+    assert any(not torch.equal(value, shown[3][name]) for name, value in network.state_dict().items())
+
+
+def test_the_best_weights_are_kept_by_the_checkpoint(run, monkeypatch):
+    with monkeypatch.context() as patch, pytest.raises(IndexError):
+        shown = scripted(patch, [3.0, 1.0, 2.0])
+        run("lstm", options_of("lstm", patience=2))
+    scripted(monkeypatch, [4.0])
+    network, curve, _ = run("lstm", options_of("lstm", patience=2))
+    assert [row["validation_ade_m"] for row in curve] == [3.0, 1.0, 2.0, 4.0]
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, shown[1][name])
+
+
+def test_a_loss_that_is_not_finite_ends_the_training(run, monkeypatch):
+    monkeypatch.setattr(lstm.Network, "loss", lambda self, scenes: self.head.bias.sum() * float("nan"))
+    with pytest.raises(DataError, match=r"lstm: the loss of epoch 1 is not finite; lower learning_rate \(now 0\.00"):
+        run("lstm", options_of("lstm"))
+
+
+# --- what cannot be trained ---------------------------------------------------------------------------------
+
+
+def test_too_few_tracks(run):
+    few = day_of(concatenate([straight(n, (0, 0), (1, 0), 12, 100.0 * n) for n in range(15)]), [], 4)
+    with pytest.raises(DataError, match=r"lstm: 1\d training and \d+ validation tracks are too few .*at least 20"):
+        run("lstm", options_of("lstm"), days=[few])
+    with pytest.raises(DataError, match=r"0 training and 0 validation tracks are too few .*name more training"):
+        run("lstm", options_of("lstm"), days=[day_of(empty_tracks(), [], 4)])
+
+
+def test_nobody_to_validate_on(run, monkeypatch):
+    monkeypatch.setattr(training, "VALIDATION_SHARE", 0.0)
+    with pytest.raises(DataError, match=r"and 0 validation tracks are too few"):
+        run("lstm", options_of("lstm"))
+
+
+def test_no_track_of_the_whole_horizon(run):
+    short = [day_of(concatenate([straight(n, (0, 0), (1, 0), 8, 100.0 * n) for n in range(60)]), [], 4)]
+    assert len(run("lstm", options_of("lstm", epochs=1), days=short)[1]) == 1
+    with pytest.raises(DataError, match=r"`futures: masked`"):
+        run("lstm", options_of("lstm", epochs=1), days=short, futures="full")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_unknown_size_is_named(kind):
+    with pytest.raises(DataError, match=rf"{kind} cannot be built with the options .*'colour'"):
+        build_network(kind, options_of(kind, colour=3), 6, 4, 1.0)
+
+
+def test_devices(run, monkeypatch):
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert choose_device("cpu") == choose_device("auto") == torch.device("cpu")
+    with pytest.raises(DataError, match=r"learned\.device: cuda .* no GPU .*use `auto` or `cpu`"):
+        run("lstm", options_of("lstm"), device="cuda")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    assert choose_device("cuda") == choose_device("auto") == torch.device("cuda")
+    assert choose_device("cpu") == torch.device("cpu")
+
+
+# --- batches ------------------------------------------------------------------------------------------------
+
+
+def numbered_scenes(lengths):
+    """Scenes of such lengths of truth, each with its number in `past`."""
+    n = len(lengths)
+    past = np.zeros((n, 1, 4, 2), np.float32) + np.arange(n)[:, None, None, None]
+    present = np.arange(60) < np.array(lengths)[:, None, None]
+    return Scenes(past, np.ones((n, 1, 4), bool), np.zeros((n, 1, 60, 2), np.float32), present)
+
+
+@pytest.mark.parametrize(("n", "size"), [(100, 16), (96, 16), (5, 16), (7, 1)])
+def test_batches_hold_every_scene_once(n, size):
+    scenes = numbered_scenes(1 + np.arange(n) % 60)
+    parts = [part.past[:, 0, 0, 0].astype(int).tolist() for part in batches(scenes, size, np.random.default_rng(0))]
+    assert sorted(chain.from_iterable(parts)) == list(range(n))
+    assert sorted(map(len, parts)) == sorted([size] * (n // size) + [n % size] * (n % size > 0))
+
+
+def test_batches_are_of_like_length_but_not_always_the_same():
+    scenes = numbered_scenes(np.random.default_rng(1).integers(1, 61, 640))
+    first, again, other = (list(batches(scenes, 64, np.random.default_rng(seed))) for seed in (1, 1, 2))
+    spread = [part.lengths().std() for part in first]
+    assert np.mean(spread) < scenes.lengths().std() / 2
+    assert any(not np.array_equal(a.past, b.past) for a, b in zip(first, other, strict=True))
+    for a, b in zip(first, again, strict=True):
+        np.testing.assert_array_equal(a.past, b.past)
+    lengths = [part.lengths().mean() for part in first]
+    assert lengths != sorted(lengths)  # the batches themselves come in random order
+
+
+# --- weights on disk ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """Function (kind) -> (path, network) of an untrained network's weights on disk."""
+
+    def save(kind, options=None):
+        torch.manual_seed(3)
+        options = options or options_of(kind)
+        network = build_network(kind, options, 6, 4, 1.0).eval()
+        for buffer in (buffer for name, buffer in network.named_buffers() if name == "modes"):
+            buffer.copy_(torch.randn(buffer.shape).cumsum(1))
+        save_network(tmp_path / f"{kind}.pt", kind, options, DATASET, network)
+        return tmp_path / f"{kind}.pt", network
+
+    return save
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_saved_weights_are_loaded_as_they_were(kind, saved):
+    path, network = saved(kind)
+    loaded = load_network(path, kind, options_of(kind), dict(DATASET))
+    assert not loaded.training
+    for name, value in network.state_dict().items():
+        assert torch.equal(value, loaded.state_dict()[name])
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "dataset", "named"),
+    [
+        ("social_lstm", options_of("lstm"), DATASET, "kind"),
+        ("lstm", options_of("lstm", hidden=16), DATASET, "options"),
+        ("lstm", options_of("lstm", epochs=5), DATASET, "options"),
+        ("lstm", options_of("lstm"), {**DATASET, "horizon_s": 12.0}, "shape"),
+        ("lstm", options_of("lstm"), {**DATASET, "observed_rows": 3}, "shape"),
+        ("lstm", options_of("lstm"), {**DATASET, "horizon_s": 3.0, "time_step_s": 0.5}, "shape"),
+    ],
+)
+def test_weights_of_another_configuration_are_refused(kind, options, dataset, named, saved):
+    path, _ = saved("lstm")
+    with pytest.raises(DataError, match=rf"{re.escape(str(path))}: trained with {named} .*; delete it and run again"):
+        load_network(path, kind, options, dataset)
+
+
+@pytest.mark.parametrize("damage", [cut_short, overwritten, lambda path: torch.save({"a": 1}, path),
+                                    lambda path: torch.save([1], path), lambda path: path.unlink()])  # fmt: skip
+def test_files_that_are_no_weights_are_refused(damage, saved):
+    path, _ = saved("lstm")
+    damage(path)
+    with pytest.raises(DataError, match=rf"{re.escape(str(path))}: cannot be read as weights .*delete it and run"):
+        load_network(path, "lstm", options_of("lstm"), DATASET)
+
+
+# --- forecasts ----------------------------------------------------------------------------------------------
+
+
+def forecasts(path, kind, own, others):
+    """The forecasts of a recording with a saved network, seeds 0 and 1."""
+    method = network_forecaster(path, kind, options_of(kind), DATASET, LEARNED)
+    k = options_of(kind).get("k", 1)
+    return list(forecast_recording(own, method, DATASET, NAMES, k, [0, 1], others))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_forecasts_do_not_depend_on_what_is_forecast_beside_them(kind, saved, monkeypatch):
+    path, network = saved(kind)
+    own, others = crowd(5, people=12, gaps=(1,)), [crowd(6, people=12, gaps=(1,))]
+    together = forecasts(path, kind, own, others)
+    k = options_of(kind).get("k", 1)
+    n = len(together[0][1])
+    assert n > 5
+    assert [seed for seed, _, _ in together] == ([0, 1] if kind == "mid" else [0])
+    for _, _, forecast in together:
+        assert forecast.output == network.output == ("mean" if kind == "mid" else "single")
+        assert forecast.xy.shape == (n, k, 6, 2)
+        assert forecast.xy.dtype == forecast.log_fitness.dtype == np.float32
+        assert np.isfinite(forecast.xy).all()
+        assert forecast.log_fitness.shape == (n, k, 6)
+        assert (forecast.log_fitness == 0).all()
+        assert (forecast.steps_alive == np.full((n, k), 6)).all()
+    monkeypatch.setattr(forecaster, "BATCH", 5)
+    in_parts = forecasts(path, kind, own, others)
+    for (_, _, one), (_, _, other) in zip(together, in_parts, strict=True):
+        np.testing.assert_allclose(other.xy, one.xy, rtol=0, atol=1e-5)
+    for track_id in together[0][1]:
+        rest = [own.take(own.track_id != track_id), *others]
+        alone = forecasts(path, kind, own.take(own.track_id == track_id), rest)
+        for (_, ids, one), (_, _, forecast) in zip(together, alone, strict=True):
+            np.testing.assert_allclose(forecast.xy[0], one.xy[ids == track_id][0], rtol=0, atol=1e-5)
+
+
+def test_futures_of_mid_differ_by_sample_and_seed(saved):
+    path, _ = saved("mid")
+    (_, _, one), (_, _, other) = forecasts(path, "mid", crowd(5, people=12, gaps=(1,)), [])
+    assert (np.ptp(one.xy, axis=1) > 1e-3).any(-1).all()
+    assert not np.allclose(one.xy, other.xy, atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_forecasts_start_where_the_walker_is(kind, saved):
+    path, _ = saved(kind)
+    tracks = crowd(7, people=12, gaps=(1,))
+    (_, _, here), (_, _, there) = (
+        forecasts(path, kind, table, [])[0] for table in (tracks, tracks._replace(x=tracks.x + 1000, y=tracks.y - 500))
+    )
+    np.testing.assert_allclose(there.xy, here.xy + np.array([1000, -500]), rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_recording_without_usable_tracks(kind, saved):
+    path, _ = saved(kind)
+    for own in (empty_tracks(), straight(1, (0, 0), (1, 0), 4)):
+        _, ids, forecast = forecasts(path, kind, own, [crowd(8, people=3)])[0]
+        k = options_of(kind).get("k", 1)
+        assert len(ids) == 0
+        assert forecast.xy.shape == (0, k, 6, 2)
+        assert forecast.log_fitness.shape == (0, k, 6)
+        assert forecast.steps_alive.shape == (0, k)
