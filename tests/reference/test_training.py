@@ -166,15 +166,29 @@ def test_a_checkpoint_of_another_kind_or_other_tracks_is_not_taken_up(run, days,
     assert caplog.text.count("another configuration") == 2
 
 
+def test_a_checkpoint_of_other_positions_is_not_taken_up(run, days, tmp_path, caplog):
+    """Say of the same tracks in other units, since the dataset's scale was wrong at first."""
+    scaled = [day._replace(tracks=day.tracks._replace(x=2.0 * day.tracks.x, y=2.0 * day.tracks.y)) for day in days]
+    run("lstm", options_of("lstm", epochs=2))
+    again = run("lstm", options_of("lstm", epochs=2), days=scaled)
+    assert "another configuration" in caplog.text
+    fresh = run("lstm", options_of("lstm", epochs=2), days=scaled, checkpoint=tmp_path / "fresh")
+    assert_same_training(again, fresh)
+
+
 def cut_short(path):
     path.write_bytes(path.read_bytes()[:2000])
+
+
+def emptied(path):
+    path.write_bytes(b"")
 
 
 def overwritten(path):
     path.write_bytes(bytes(range(256)) * 20)
 
 
-@pytest.mark.parametrize("damage", [cut_short, overwritten])
+@pytest.mark.parametrize("damage", [cut_short, emptied, overwritten])
 def test_a_damaged_checkpoint_is_not_taken_up(run, tmp_path, caplog, damage):
     whole = run("lstm", options_of("lstm"))
     damage(tmp_path / "model.checkpoint")
@@ -341,7 +355,7 @@ def test_weights_of_another_configuration_are_refused(kind, options, dataset, na
         load_network(path, kind, options, dataset)
 
 
-@pytest.mark.parametrize("damage", [cut_short, overwritten, lambda path: torch.save({"a": 1}, path),
+@pytest.mark.parametrize("damage", [cut_short, emptied, overwritten, lambda path: torch.save({"a": 1}, path),
                                     lambda path: torch.save([1], path), lambda path: path.unlink()])  # fmt: skip
 def test_files_that_are_no_weights_are_refused(damage, saved):
     path, _ = saved("lstm")
