@@ -229,6 +229,22 @@ def test_a_person_is_trained_on_or_held_out():
     assert drawn == trained
 
 
+@pytest.mark.parametrize("share", [0.0, 0.1])
+@pytest.mark.parametrize("people", [2, 3, 10, 25])
+def test_somebody_is_held_out_even_of_few(people, share):
+    days = [day_of(paced(range(people)), [], 4), day_of(empty_tracks(), [], 4)]
+    for seed in range(5):
+        data = training_data(days, "masked", share, seed, *SHAPE)
+        held_out = who_is(data.validation)
+        assert len(held_out) == 1 if share == 0 else held_out
+        assert sorted(training_people(data) + held_out) == list(range(people))
+
+
+def test_nobody_is_held_out_of_nobody():
+    data = training_data([day_of(empty_tracks(), [paced(range(5))], 4)], "masked", 0.1, 0, *SHAPE)
+    assert data.tracks == len(data.validation.past) == 0
+
+
 def test_the_split_depends_on_the_seed_and_not_on_the_order():
     tracks = paced(range(300))
     order = np.random.default_rng(1).permutation(300)

@@ -250,12 +250,6 @@ def test_too_few_tracks(run):
         run("lstm", options_of("lstm"), days=[day_of(empty_tracks(), [], 4)])
 
 
-def test_nobody_to_validate_on(run, monkeypatch):
-    monkeypatch.setattr(training, "VALIDATION_SHARE", 0.0)
-    with pytest.raises(DataError, match=r"and 0 validation tracks are too few"):
-        run("lstm", options_of("lstm"))
-
-
 def test_no_track_of_the_whole_horizon(run):
     short = [day_of(concatenate([straight(n, (0, 0), (1, 0), 8, 100.0 * n) for n in range(60)]), [], 4)]
     assert len(run("lstm", options_of("lstm", epochs=1), days=short)[1]) == 1
