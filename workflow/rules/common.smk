@@ -125,6 +125,16 @@ def same_day(dataset, name):
     ]
 
 
+def people(dataset, split):
+    """Names of a split's recordings, and of all others of their days: whoever was there."""
+    names = [
+        name
+        for r in recordings(dataset, split)
+        for name in (r["name"], *same_day(dataset, r["name"]))
+    ]
+    return list(dict.fromkeys(names))
+
+
 def track_files(split):
     """Input function: the clean recordings of a split."""
 
@@ -196,13 +206,3 @@ TABLES = {
 }
 LABELS = [dataset["label"] for dataset in DATASETS.values()]
 KINDS_RUN = {method["kind"] for method in METHODS.values()}
-TRAINING_PEOPLE = {  # recordings whose people are seen in training: the training ones and others of their days
-    dataset: list(
-        dict.fromkeys(
-            name
-            for r in recordings(dataset, "train")
-            for name in (r["name"], *same_day(dataset, r["name"]))
-        )
-    )
-    for dataset in DATASETS
-}

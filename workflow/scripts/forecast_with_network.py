@@ -1,4 +1,6 @@
-"""Rule forecast_with_network."""
+"""Rules forecast_{method}_on_{dataset}."""
+
+from pathlib import Path
 
 from modlhmp.baselines.forecaster import network_forecaster
 from modlhmp.forecasting import forecast_recording, write_forecasts
@@ -6,18 +8,17 @@ from modlhmp.logs import job_log
 from modlhmp.storage import provenance
 from modlhmp.tracks import read_tracks
 
-with job_log(snakemake.log[0]):
-    method, dataset, names = snakemake.params.method, snakemake.params.dataset, snakemake.wildcards
+with job_log(snakemake.log[0]) as log:
+    params, method = snakemake.params, snakemake.params.method
     learned = {**method["learned"], "threads": snakemake.threads}
-    forecaster = network_forecaster(snakemake.input.weights, method["kind"], method["options"], dataset, learned)
-    forecasts = forecast_recording(
-        read_tracks(snakemake.input.tracks),
-        forecaster,
-        dataset,
-        (names.dataset, names.method, names.recording),
-        method["options"].get("k", 1),
-        snakemake.params.seeds,
-        [read_tracks(file) for file in snakemake.input.others],
-    )
-    made_of = [snakemake.input.tracks, *snakemake.input.others, snakemake.input.summary]
-    write_forecasts(snakemake.output[0], forecasts, **provenance(dict(names), dict(snakemake.params), made_of))
+    forecaster = network_forecaster(snakemake.input.weights, method["kind"], method["options"], params.dataset, learned)
+    files = {Path(file).stem: file for file in snakemake.input.tracks}
+    for (name, others), output in zip(params.recordings.items(), snakemake.output, strict=True):
+        made_of = [files[name], *(files[other] for other in others)]
+        own, *rest = map(read_tracks, made_of)
+        names, k = (params.dataset_name, params.method_name, name), method["options"].get("k", 1)
+        forecasts = forecast_recording(own, forecaster, params.dataset, names, k, params.seeds, rest)
+        wildcards = dict(zip(("dataset", "method", "recording"), names, strict=True))
+        origin = provenance(wildcards, dict(params), [*made_of, snakemake.input.summary])
+        write_forecasts(output, forecasts, **origin)
+        log.info("%s: forecast", name)
