@@ -139,6 +139,21 @@ def test_the_learning_rate_follows_its_schedule(run, schedule):
     np.testing.assert_allclose([row["learning_rate"] / 0.003 for row in curve], expected, rtol=1e-9)
 
 
+def test_every_epoch_draws_new_windows_and_turns_them(run, tmp_path, monkeypatch):
+    loss, seen = lstm.Network.loss, {True: [], False: []}
+    for rotate, batches_seen in seen.items():
+        monkeypatch.setattr(lstm.Network, "loss", lambda self, s, to=batches_seen: to.append(s) or loss(self, s))
+        _, _, summary = run("lstm", options_of("lstm", epochs=2, rotate=rotate), checkpoint=tmp_path / str(rotate))
+    turned, unturned = (Scenes(*map(torch.cat, zip(*part, strict=True))) for part in seen.values())
+    assert len(turned.past) == 2 * summary["tracks"]
+    assert torch.equal(turned.future_present, unturned.future_present)
+    a, b = (torch.cat([scenes.past, scenes.future], 2).flatten(1, 2).double() for scenes in (turned, unturned))
+    assert torch.allclose(torch.cdist(a, a), torch.cdist(b, b), atol=1e-4)  # past, future and neighbours alike
+    assert not torch.isclose(a, b, atol=1e-4).all(-1).all(-1).any()
+    epochs = unturned.lengths().split(summary["tracks"])
+    assert not torch.equal(*(lengths.sort().values for lengths in epochs))  # other windows in the second
+
+
 # --- checkpoints of others ----------------------------------------------------------------------------------
 
 
