@@ -44,13 +44,14 @@ def tensor(values):
 @pytest.mark.parametrize("iteration", [0, 350, ANNEALED])
 @pytest.mark.parametrize("step_s", [1.0, 0.4])
 def test_loss_and_gradients_equal_those_of_loops(iteration, step_s):
-    net, scenes = without_dropout(network(1, modes=3, decoder=6, step_s=step_s)), twins.walking(1, n=5, steps=5)
+    net, scenes = without_dropout(network(1, modes=3, decoder=6, step_s=step_s)), twins.walking(1, n=5, steps=6)
     for layer in (net.posterior, net.prior[-1]):
         layer.weight.data *= 20  # far above the least KL that counts
     net.iteration.fill_(iteration)
     beta = 100 / (1 + math.exp(-(iteration - 400) / 100))
     bound = 0.05 + 4.95 / (1 + math.exp(-(iteration - 300) / 60))
     steps = int(scenes.lengths().max())
+    assert steps == 6
     torch.manual_seed(2)
     normals = torch.stack([torch.randn(5 * 3, 2, dtype=torch.float64) for _ in range(steps)]).view(steps, 5, 3, 2)
     expected = twins.trajectron_loss(net, scenes, beta, bound, normals)
@@ -65,8 +66,9 @@ def test_loss_and_gradients_equal_those_of_loops(iteration, step_s):
     assert int(net.iteration) == iteration + 1
 
 
-def test_forecast_is_the_likeliest_row_of_all_latent_values_decoded():
-    net, scenes = network(3, modes=7).eval(), twins.walking(3)
+@pytest.mark.parametrize("step_s", [1.0, 0.4])
+def test_forecast_is_the_likeliest_row_of_all_latent_values_decoded(step_s):
+    net, scenes = network(3, modes=7, step_s=step_s).eval(), twins.walking(3)
     torch.nn.init.orthogonal_(net.prior[0].weight)
     net.prior[0].bias.data = -net.prior[0](net.encoder(scenes.past, scenes.past_present)[0]).mean(0).detach()
     net.prior[-1].bias.data.zero_()
@@ -74,13 +76,13 @@ def test_forecast_is_the_likeliest_row_of_all_latent_values_decoded():
     context, now = net.encoder(scenes.past, scenes.past_present)
     everyone, _, _ = net.decode(context, now, torch.arange(7), net.steps, sample=False)
     logits = net.prior(context)
-    torch.testing.assert_close(got[:, 0], everyone[torch.arange(6), logits.argmax(1)].cumsum(1))
+    torch.testing.assert_close(got[:, 0], step_s * everyone[torch.arange(6), logits.argmax(1)].cumsum(1))
     assert len(set(logits.argmax(1).tolist())) > 1
     for i in range(6):
-        context, now = twins.encode(net.encoder, scenes.past[i], scenes.past_present[i], 1.0)
+        context, now = twins.encode(net.encoder, scenes.past[i], scenes.past_present[i], step_s)
         z = int(net.prior(context).argmax())
         path = twins.decode(net, context, now, z, lambda t, mean, *_: mean if t + 1 < net.steps else None)
-        torch.testing.assert_close(got[i, 0], torch.stack([mean for mean, _, _ in path]).cumsum(0))
+        torch.testing.assert_close(got[i, 0], step_s * torch.stack([mean for mean, _, _ in path]).cumsum(0))
 
 
 # --- encoder ------------------------------------------------------------------------------------------------
