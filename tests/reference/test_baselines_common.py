@@ -160,7 +160,7 @@ def test_mean_over_a_mask_and_length_of_a_batch():
 
 
 @every_kind
-@pytest.mark.parametrize("value", [1e6, 1e30])
+@pytest.mark.parametrize("value", [1e6, 1e200])  # the square of which is infinite
 def test_padding_is_inert(kind, value):
     net, scenes = network(kind, 8), walking(8)
     loss, gradients = loss_and_gradients(net, scenes)

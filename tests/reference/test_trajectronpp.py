@@ -311,6 +311,7 @@ def test_logits_are_clipped_in_training_only():
     assert loss(4.0) == loss(4.5)
     net.eval()
     assert loss(4.0) != loss(4.5)
+    assert int(net.iteration) == 0  # an iteration is one of training
     net.prior[-1].bias.data[2] = 4.0
     likeliest = net.forecast(scenes.past, scenes.past_present, torch.zeros(6, 1, dtype=torch.int64))
     context, now = net.encoder(scenes.past, scenes.past_present)
