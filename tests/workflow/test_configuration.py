@@ -58,11 +58,11 @@ def own(project):
 OWN = ("--cores", 2, "--configfile", "own.yaml")
 
 
-@pytest.mark.parametrize("overlay", [None, "real", "paper", "tiny"])
-def test_every_shipped_configuration_plans(project, overlay):
+@pytest.mark.parametrize("overlays", [(), ("real",), ("paper",), ("tiny",), ("real", "choices")])
+def test_every_shipped_configuration_plans(project, overlays):
     """A dry run at the root plans jobs, with recordings or without."""
-    arguments = ("--configfile", f"config/{overlay}.yaml") if overlay else ()
-    output = project.snakemake("-n", *arguments)
+    files = [f"config/{overlay}.yaml" for overlay in overlays]
+    output = project.snakemake("-n", *(["--configfile", *files] if files else []))
     assert "forecast_recording" in output
     assert "table_results" in output
 
@@ -76,7 +76,7 @@ def test_every_shipped_configuration_plans(project, overlay):
         ("methods={cliff: {kind: clif}}", "'clif' is not one of"),
         ("rollout={speed: fast}", "'fast' is not one of"),
         ("seeds=[]", "non-empty"),
-        ("comparisons=[[cliff, lstm]]", "no method named 'lstm'"),
+        ("comparisons=[[cliff, lstn]]", "no method named 'lstn'; did you mean 'lstm'"),
         ("datasets=[demo_hall, demo_hall]", "non-unique"),
         ("seeds=[0]", "belong in a file"),
         ("datasets=[atc_1day]", "give your run a name of its own"),

@@ -258,7 +258,7 @@ def test_the_paper_s_configuration_runs_on_recordings_laid_out_like_it(tmp_path)
             path = tmp_path / "data" / recording["files"]
             path.parent.mkdir(parents=True, exist_ok=True)
             write_recording(path, site, str(recording["day"]), seed=1, scale=0.05)
-    (project.folder / "one_seed.yaml").write_text("seeds: [0]\n")
+    (project.folder / "one_seed.yaml").write_text("seeds: [0]\nlearned: {budget: demo}\n")
     arguments = ("--cores", 2, "--configfile", "config/paper.yaml", "one_seed.yaml")
     project.snakemake(*arguments, MODLHMP_DATA=str(tmp_path / "data"))
     assert {file.name for file in Path(project.folder / "paper_figures/paper").iterdir()} == EXHIBITS
