@@ -16,7 +16,8 @@ with job_log(snakemake.log[0]) as log:
         day_of(tracks[name], [tracks[other] for other in others], dataset["observed_rows"])
         for name, others in snakemake.params.days.items()
     ]
-    weights, learned = Path(snakemake.output.weights), {**method["learned"], "threads": snakemake.threads}
+    weights = Path(snakemake.output.weights)
+    learned = {**method["learned"], "threads": snakemake.threads, "code": snakemake.params.code}
     checkpoint = weights.with_suffix(".checkpoint")
     network, curve, summary = train(method["kind"], method["options"], days, dataset, learned, checkpoint, log)
     save_network(weights, method["kind"], method["options"], dataset, network)

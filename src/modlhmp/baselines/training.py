@@ -45,9 +45,10 @@ def build_network(kind, options, steps, observed_rows, step_s):
 def train(kind, options, days, dataset, learned, checkpoint, log):
     """Train a network on `days` (`data.Day`s); returns (network with its best weights, curve, summary).
 
-    `options` are the method's for this budget, `learned` the configuration's section, `dataset` needs `observed_rows`,
-    `horizon_s` and `time_step_s`. After every epoch all that is needed to go on is in the file `checkpoint`; one of the
-    same settings is taken up, and gives the same weights as an undisturbed training.
+    `options` are the method's for this budget, `learned` the configuration's section (and `code`, the hash of the code,
+    where it is known), `dataset` needs `observed_rows`, `horizon_s` and `time_step_s`. After every epoch all that is
+    needed to go on is in the file `checkpoint`; one of the same settings, code and positions is taken up, and gives the
+    same weights as an undisturbed training.
     """
     torch.set_num_threads(learned["threads"])
     device, shape = choose_device(learned["device"]), _shape(dataset)
@@ -60,7 +61,7 @@ def train(kind, options, days, dataset, learned, checkpoint, log):
     torch.manual_seed(learned["seed"])
     network = build_network(kind, options, *shape)
     network.planned_iterations = options["epochs"] * -(-data.tracks // options["batch_size"])
-    fingerprint = _fingerprint(kind, options, learned, data.tracks, shape)
+    fingerprint = _fingerprint(kind, options, learned, days, shape)
     state = load_checkpoint(checkpoint, fingerprint, log)
     if state is None:
         network.prepare(_tensors(data.draw(np.random.default_rng([learned["seed"], 0])), torch.device("cpu")))
@@ -128,9 +129,9 @@ def load_checkpoint(path, fingerprint, log):
     try:
         state = torch.load(path, weights_only=True, map_location="cpu")
     except Exception as error:  # whatever is wrong with it, training starts anew
-        log.warning("%s cannot be read (%s); training starts anew", path, str(error).splitlines()[0])
+        log.warning("%s cannot be read (%s); training starts anew", path, _reason(error))
         return None
-    if state.get("fingerprint") != fingerprint:
+    if not isinstance(state, dict) or state.get("fingerprint") != fingerprint:
         log.warning("%s is of another configuration; training starts anew", path)
         return None
     return state
@@ -148,8 +149,7 @@ def load_network(path, kind, options, dataset):
         stored = torch.load(path, weights_only=True, map_location="cpu")
         settings = json.loads(stored["settings"])
     except Exception as error:
-        reason = str(error).splitlines()[0]
-        raise DataError(f"{path}: cannot be read as weights ({reason}); delete it and run again") from None
+        raise DataError(f"{path}: cannot be read as weights ({_reason(error)}); delete it and run again") from None
     for key, value in {"kind": kind, "options": options, "shape": list(_shape(dataset))}.items():
         if settings.get(key) != value:
             raise DataError(
@@ -200,9 +200,19 @@ def _shape(dataset):
     return round(dataset["horizon_s"] / dataset["time_step_s"]), dataset["observed_rows"], dataset["time_step_s"]
 
 
-def _fingerprint(kind, options, learned, tracks, shape):
-    settings = [kind, options, learned["futures"], learned["seed"], tracks, shape]
-    return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+def _fingerprint(kind, options, learned, days, shape):
+    """A hash of all that decides the weights: settings, code where it is known, and everyone's positions."""
+    settings = [kind, options, learned["futures"], learned["seed"], learned.get("code"), shape]
+    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
+    for day in days:
+        for part in (*day.tracks[:4], day.rows):
+            digest.update(np.ascontiguousarray(part))
+    return digest.hexdigest()
+
+
+def _reason(error):
+    """First line of an error's text, its name if it has none."""
+    return next(iter(str(error).splitlines()), type(error).__name__)
 
 
 def _save(path, content):
