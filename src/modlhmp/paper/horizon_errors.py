@@ -34,7 +34,7 @@ def draw(results, dataset, methods, stem):
         loc="outside lower center",
         ncols=2,
         title=f"{dataset['title']}: mean (thick) ± 1 SD over tracks (thin)\n"
-        f"in brackets: n scored / eligible at {dataset['horizon_s']:g} s, paper and complete protocol",
+        f"in brackets: n (/ eligible) at {dataset['horizon_s']:g} s, paper and complete protocol",
         title_fontsize=6,
     )
     style.save(fig, stem, rows, dataset["demo"])
@@ -51,4 +51,5 @@ def _curve(ax, rows, metric, look):
 
 def _counts(rows, method):
     last = rows[(rows["method"] == method) & (rows["horizon_s"] == rows["horizon_s"].max())].set_index("protocol")
-    return ", ".join(scored_of(last.loc[protocol]) for protocol in TITLES if protocol in last.index)
+    counts = [last.loc[protocol] for protocol in TITLES if protocol in last.index]
+    return ", ".join(scored_of(row) if row["n"] < row["eligible"] else f"{row['n']:.0f}" for row in counts)
