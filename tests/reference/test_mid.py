@@ -13,7 +13,7 @@ from scipy import stats
 
 from modlhmp.baselines import mid
 from modlhmp.baselines.mid import SCHEDULE, TIMES, Network, ddim, ddpm, diffused, noise_of, sinusoids
-from modlhmp.forecasting.base import stream_keys
+from modlhmp.forecasting.base import stream_keys, uniforms
 
 
 def network(seed=0, context=8, steps=twins.STEPS, step_s=1.0):
@@ -188,6 +188,12 @@ def test_noise_is_standard_normal():
     assert np.abs(correlation).max() < 4.5 / math.sqrt(5000)
     samples = noise.reshape(1000, 5, 24)
     assert abs(np.corrcoef(samples[:, 0].ravel(), samples[:, 1].ravel())[0, 1]) < 4 / math.sqrt(24_000)
+
+
+def test_noise_is_made_of_the_keys_uniform_numbers():
+    keys = stream_keys(np.arange(9), 2, 0, "hall").ravel()
+    expected = uniforms(keys, 0, 2 * 12).reshape(18, 12, 2)
+    np.testing.assert_allclose(stats.norm.cdf(noise_of(keys, 12)), expected, atol=1e-12)
 
 
 def test_noise_is_that_of_the_track_whoever_else_is_there():
