@@ -19,6 +19,7 @@ UNITS, FUTURE_UNITS = 32, 32
 LOG_LIKELIHOOD_CAP, KL_FLOOR = 6.0, 0.07
 KL_WEIGHT, KL_CENTRE, KL_WIDTH = 100.0, 400.0, 100.0
 LOGIT_CLIP, CLIP_CENTRE, CLIP_WIDTH = (0.05, 5.0), 300.0, 60.0
+UNCLIPPED = 40.0  # bound of the logits outside training, where e^-80 is still a float32
 FULL_ANNEALING = 2000  # shorter trainings anneal as much faster
 GRADIENT_CLIP = 1.0
 DECAY_AN_ITERATION = 0.9999
@@ -84,7 +85,7 @@ class Network(Base):
         truth = torch.where(mask[..., None], scenes.future[:, 0, :steps], 0.0)
         context, now = self.encoder(scenes.past, scenes.past_present)
         beta, clip = annealed(int(self.iteration), self.planned_iterations)
-        clip = clip if self.training else math.inf
+        clip = clip if self.training else UNCLIPPED
         prior = torch.softmax(clipped(self.prior(context), clip), -1)
         ahead = self.encode_future(truth, mask, now)
         posterior = torch.softmax(clipped(self.posterior(torch.cat([context, ahead], -1)), clip), -1)
