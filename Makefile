@@ -35,10 +35,10 @@ reproduce: environment    ## demo recordings -> every table and figure
 	$(BIN)/snakemake --cores $(CORES)
 
 test: environment lint    ## lint, unit, reference, fault and workflow tests
-	$(BIN)/python -m pytest -n $(CORES) --dist loadgroup -m "not full"
+	$(BIN)/python -m pytest -n $(CORES) -m "not full"
 
 test-full: environment lint  ## the same and the long checks
-	$(BIN)/python -m pytest -n $(CORES) --dist loadgroup
+	$(BIN)/python -m pytest -n $(CORES)
 
 lint: environment         ## ruff, snakefmt, snakemake --lint
 	$(BIN)/ruff check .

@@ -6,6 +6,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 import yaml
+from xdist.scheduler import LoadScopeScheduling
 
 from modlhmp.settings import load_dataset
 
@@ -76,3 +77,18 @@ def write(tmp_path):
 def pytest_collection_modifyitems(items):
     """The workflow's long tests first: beside them the other worker does all the short ones."""
     items.sort(key=lambda item: "/workflow/test_run" not in str(item.path))
+
+
+class OneWorkerForTheTinyRun(LoadScopeScheduling):
+    """Tests that look at the tiny run go to one worker, which makes it; all others to whoever is free.
+
+    (pytest-xdist's own groups rename tests in a way that pytest 9.2 no longer allows.)
+    """
+
+    def _split_scope(self, nodeid):
+        return "tiny" if nodeid.startswith(("tests/workflow/test_run", "tests/workflow/test_notebooks")) else nodeid
+
+
+def pytest_xdist_make_scheduler(config, log):
+    """How `-n` spreads the tests."""
+    return OneWorkerForTheTinyRun(config, log)

@@ -10,7 +10,6 @@ import matplotlib as mpl
 import pytest
 from project import ROOT
 
-pytestmark = pytest.mark.xdist_group("tiny")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 FACTS = {  # what each must have printed
     "01": ("bad tracks planted in tiny were found, and no others",),

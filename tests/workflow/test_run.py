@@ -15,7 +15,6 @@ from modlhmp.paper import style
 from modlhmp.scoring.summary import COLUMNS
 from modlhmp.storage import read_metadata
 
-pytestmark = pytest.mark.xdist_group("tiny")  # one worker makes the tiny run that all these tests look at
 TINY = ("--configfile", "config/tiny.yaml")
 TABLES = ("tab_scenarios", "tab_expres", "tab_ttests", "claims", "tab_models")
 FIGURES = (
