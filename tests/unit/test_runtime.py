@@ -120,7 +120,7 @@ def test_figure_holds_the_numbers(tmp_path):
 
 def test_claims_about_the_runtime():
     """Verdicts by hand: faster, linear in N, slower growth in T and M, less memory, a larger map."""
-    one = claims.Evidence(DATASET, [12.0], {}, {}, np.empty(0), made_up())
+    one = claims.Evidence(DATASET, [12.0], {}, {}, np.empty(0), frozenset(), made_up())
     table = claims.test_claims([one], {}, {}).set_index("our test")["verdict"]
     assert table["at most 0.11 s a track, k = 5, 60 s (another machine)"] == "supported"
     assert table["the exponent of time in N is 1"] == "supported"

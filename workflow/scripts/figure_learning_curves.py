@@ -1,9 +1,10 @@
 """Rule figure_learning_curves."""
 
 from modlhmp.logs import job_log
-from modlhmp.paper.learning import draw_curves, read_trainings
+from modlhmp.paper.learning_curves import draw
+from modlhmp.paper.trainings import read_trainings
 
 with job_log(snakemake.log[0]):
     params = snakemake.params
     trainings = read_trainings(snakemake.input)
-    draw_curves(trainings, params.datasets, params.methods, snakemake.output.csv.removesuffix(".csv"))
+    draw(trainings, params.datasets, params.methods, snakemake.output.csv.removesuffix(".csv"))

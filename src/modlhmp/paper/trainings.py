@@ -1,4 +1,4 @@
-"""Table tab_models and figure learning-curves: how the networks were trained, and whether they had finished."""
+"""Table tab_models: how the networks were trained, and whether they had finished."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from modlhmp.paper import style
 from modlhmp.paper.table_forms import write_table
 
 
@@ -50,30 +49,3 @@ def write_models(trainings, datasets, methods, stem):
         "epoch is one window of every track. Budgets below `full` are reduced: docs/decisions.md."
     )
     write_table(pd.DataFrame(rows), stem, "Trained networks", any(d["demo"] for d in datasets), note)
-
-
-def draw_curves(trainings, datasets, methods, stem):
-    """Two rows a dataset: validation ADE above, training loss below; one column a network."""
-    fig, axes = style.figure(
-        2 * len(datasets), len(methods), style.PAGE_MM, 8 + 54 * len(datasets), sharex="col", sharey=False
-    )
-    tables = []
-    for column, (method, title) in enumerate(methods.items()):
-        for line, dataset in enumerate(datasets):
-            one = trainings[dataset["name"], method]
-            curve = pd.DataFrame(one["curve"])
-            above, below = axes[2 * line : 2 * line + 2, column]
-            look = {**style.method_style(column), "marker": "none"}
-            above.plot(curve["epoch"], curve["validation_ade_m"], **look)
-            above.plot(one["best_epoch"], one["validation_ade_m"], marker="o", markersize=3, color="black")
-            below.plot(curve["epoch"], curve["train_loss"], color="0.4")
-            above.set_title(f"{dataset['title']}\n{title}")
-            above.set_ylim(bottom=0)
-            if column == 0:
-                above.set_ylabel("validation ADE [m]")
-                below.set_ylabel("training loss")
-            tables.append(curve.drop(columns="seconds").assign(dataset=dataset["name"], method=method))
-        axes[-1, column].set_xlabel("epoch")
-    note = "Dots: the epoch whose weights are used. Losses of different networks are different things."
-    fig.supxlabel(note, fontsize=6)
-    style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset["demo"] for dataset in datasets))

@@ -1,0 +1,68 @@
+"""Table and figure of the networks' trainings, from made-up curves."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from modlhmp.paper import learning_curves, trainings
+
+DATASETS = [{"name": "hall", "title": "Hall", "demo": False}, {"name": "forum", "title": "Forum", "demo": True}]
+METHODS = {"lstm": "LSTM", "tutr": "TUTR"}
+
+
+@pytest.fixture
+def files(tmp_path):
+    """The JSON files of four trainings; the validation error falls by 0.1 m an epoch from 5 m."""
+    paths = []
+    for dataset in DATASETS:
+        for method in METHODS:
+            curve = [
+                {
+                    "epoch": n,
+                    "train_loss": 1 / n,
+                    "validation_ade_m": 5.0 - 0.1 * n,
+                    "learning_rate": 0.01,
+                    "seconds": 1.0,
+                }
+                for n in range(1, 11)
+            ]
+            one = {
+                "curve": curve, "budget": "economical", "futures": "masked", "parameters": 199487, "tracks": 90,
+                "validation_tracks": 10, "epochs": 10, "planned_epochs": 20, "best_epoch": 10, "validation_ade_m": 4.0,
+                "minutes": 2.5, "device": "cpu", "threads": 1,
+            }  # fmt: skip
+            path = tmp_path / dataset["name"] / "models" / f"{method}.json"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps(one))
+            paths.append(str(path))
+    return paths
+
+
+def test_every_training_is_a_row(files, tmp_path):
+    """Epochs run of those planned, parameters, and how much the error still changed."""
+    trainings.write_models(trainings.read_trainings(files), DATASETS, METHODS, str(tmp_path / "tab_models"))
+    table = pd.read_csv(tmp_path / "tab_models.csv", dtype=str)
+    assert table["dataset"].tolist() == ["Hall", "Hall", "Forum", "Forum"]
+    assert set(table["parameters"]) == {"199,487"}
+    assert set(table["epochs run / planned"]) == {"10 / 20"}
+    # The last two epochs have 4.05 m in the mean, the two before 4.25 m.
+    assert set(table["change in the last fifth [m]"]) == {"-0.200"}
+    assert "Demo data" in (tmp_path / "tab_models.md").read_text()
+
+
+def test_a_short_training_has_no_late_change():
+    """Below five epochs there is no fifth."""
+    assert np.isnan(trainings.late_change([{"validation_ade_m": 1.0}] * 4))
+    assert trainings.late_change([{"validation_ade_m": 1.0}] * 5) == 0.0
+
+
+def test_curves_are_drawn_with_their_numbers(files, tmp_path):
+    """One row of the CSV an epoch and training; times, which differ from run to run, are not among them."""
+    learning_curves.draw(trainings.read_trainings(files), DATASETS, METHODS, str(tmp_path / "learning-curves"))
+    numbers = pd.read_csv(tmp_path / "learning-curves.csv")
+    assert len(numbers) == 40
+    assert "seconds" not in numbers
+    assert numbers.groupby(["dataset", "method"])["validation_ade_m"].min().eq(4.0).all()
+    assert (tmp_path / "learning-curves.pdf").stat().st_size > 1000
