@@ -18,7 +18,7 @@ from modlhmp.baselines import mid
 from modlhmp.baselines.data import Scenes, day_of, scenes_at
 from modlhmp.baselines.network import track_ade
 from modlhmp.baselines.training import build_network
-from modlhmp.baselines.trajectronpp import mixture_log_density
+from modlhmp.baselines.trajectronpp import mixture_log_density, moments_of
 from modlhmp.forecasting.base import stream_keys
 from modlhmp.tracks import read_tracks
 
@@ -39,8 +39,7 @@ def likeliest_velocities(network, past, present):
     context, now = network.encoder(past, present)
     log_prior = torch.log_softmax(network.prior(context), -1)
     mean, log_sigma, correlation = network.decode(context, now, torch.arange(network.modes), network.steps, False)
-    variance = torch.exp(2 * log_sigma)
-    moments = torch.cat([variance, (correlation * torch.exp(log_sigma.sum(-1)))[..., None]], -1)
+    moments = moments_of(log_sigma, correlation)
     density = torch.stack(
         [
             torch.logsumexp(log_prior[..., None] + mixture_log_density(mean[:, k : k + 1], mean, moments), 1)

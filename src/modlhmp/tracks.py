@@ -63,6 +63,11 @@ def read_tracks(path):
     return Tracks(*(table[name].to_numpy() for name in COLUMNS))
 
 
+def runs(first, counts):
+    """Whole numbers first, first + 1, ... of `counts` [m] runs that begin at `first` [m], one run after the other."""
+    return np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+
+
 def positions_at(tracks, rows, when, track=None):
     """Positions [n, T, 2] at `when` [n, T] s after a track's first row: linear between rows, held at both ends.
 
@@ -75,7 +80,7 @@ def positions_at(tracks, rows, when, track=None):
     duration = tracks.t[rows[:, 1]] - tracks.t[rows[:, 0]]
     offset = np.concatenate([[0.0], np.cumsum(duration + 10.0)])[:-1]
     counts = rows[:, 1] - rows[:, 0] + 1
-    index = np.repeat(rows[:, 0] - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+    index = runs(rows[:, 0], counts)
     axis = tracks.t[index] - np.repeat(tracks.t[rows[:, 0]] - offset, counts)
     whose = slice(None) if track is None else track
     at = np.clip(when, 0.0, duration[whose][:, None]) + offset[whose][:, None]

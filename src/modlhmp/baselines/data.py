@@ -13,7 +13,7 @@ from modlhmp.forecasting.neighbours import find_neighbours, together
 from modlhmp.forecasting.observe import observe, usable_tracks
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, positions_at
+from modlhmp.tracks import Tracks, positions_at, runs
 
 
 class Scenes(NamedTuple):
@@ -85,7 +85,7 @@ def training_windows(day, futures, steps, observed_rows, step_s):
     t, needed = day.tracks.t, (1 if futures == "masked" else steps) - 0.05
     first, last = day.rows[:, 0], day.rows[:, 1]
     counts = last - first + 1 - observed_rows
-    row = np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+    row = runs(first, counts)
     track = np.repeat(np.arange(len(first)), counts)
     long_enough = t[last[track]] - t[row + observed_rows - 1] >= needed * step_s
     return np.bincount(track[long_enough], minlength=len(first))

@@ -10,7 +10,7 @@ import math
 import torch
 from torch import nn
 
-from modlhmp.baselines.network import Base, masked_mean, trimmed
+from modlhmp.baselines.network import Base, displacements, masked_mean, trimmed, truth_of
 
 EMBEDDING, START_TAGS = 62, 2  # the framework's two start tags are never set here
 VELOCITY_SCALE = 4.0
@@ -35,10 +35,9 @@ class Network(Base):
         self.decoder = nn.LSTMCell(EMBEDDING + START_TAGS + pooled, hidden)
         self.head = nn.Linear(hidden, 5)
 
-    def step(self, cell, displacement, state):
-        """Embed a displacement [n, 2] in m a step and advance the state."""
-        embedded = torch.relu(self.embed(VELOCITY_SCALE * displacement))
-        return cell(nn.functional.pad(embedded, (0, START_TAGS)), state)
+    def embedded(self, displacement):
+        """A cell's input from a displacement [n, 2] in m a step, the start tags unset."""
+        return nn.functional.pad(torch.relu(self.embed(VELOCITY_SCALE * displacement)), (0, START_TAGS))
 
     def gaussian(self, hidden):
         """Mean [.., 2], standard deviations [.., 2] and correlation [..] of the next displacement."""
@@ -51,11 +50,11 @@ class Network(Base):
         zeros = past.new_zeros(len(past), self.encoder.hidden_size)
         state = (zeros, zeros)
         for displacement in past.diff(dim=1).unbind(1):
-            state = self.step(self.encoder, displacement, state)
+            state = self.encoder(self.embedded(displacement), state)
         hidden = [state[0]]
         while len(hidden) < steps:
             mean = self.head(state[0])[..., :2].detach()
-            state = self.step(self.decoder, mean, state)
+            state = self.decoder(self.embedded(mean), state)
             hidden.append(state[0])
         return self.gaussian(torch.stack(hidden, dim=1))
 
@@ -80,11 +79,8 @@ class Network(Base):
 
 def displacement_loss(scenes, gaussians, steps, sigma_scale):
     """Mean robust loss over the valid steps of the predicted persons."""
-    truth = scenes.future[:, 0, :steps]
-    displacement = truth - nn.functional.pad(truth, (0, 0, 1, 0))[:, :-1]
-    mask = scenes.future_present[:, 0, :steps]
-    displacement = torch.where(mask[..., None], displacement, 0.0)
-    return masked_mean(robust_nll(displacement, *gaussians, sigma_scale), mask)
+    truth, mask = truth_of(scenes, steps)
+    return masked_mean(robust_nll(displacements(truth, mask), *gaussians, sigma_scale), mask)
 
 
 def robust_nll(displacement, mean, sigma, correlation, sigma_scale=1.0):

@@ -12,7 +12,7 @@ import torch
 from scipy.special import ndtri
 from torch import nn
 
-from modlhmp.baselines.network import Base, masked_mean, track_ade, trimmed
+from modlhmp.baselines.network import Base, displacements, masked_mean, track_ade, trimmed, truth_of
 from modlhmp.baselines.trajectronpp import Encoder
 from modlhmp.forecasting.base import uniforms
 
@@ -85,9 +85,8 @@ class Network(Base):
     def loss(self, scenes):
         """Mean squared error of the predicted noise over the valid steps."""
         steps = trimmed(scenes)
-        truth, mask = scenes.future[:, 0, :steps], scenes.future_present[:, 0, :steps]
-        velocity = (truth - nn.functional.pad(truth, (0, 0, 1, 0))[:, :-1]) / self.step_s
-        velocity = torch.where(mask[..., None], velocity, 0.0)
+        truth, mask = truth_of(scenes, steps)
+        velocity = displacements(truth, mask) / self.step_s
         t = torch.randint(1, TIMES + 1, (len(truth),), device=truth.device)
         noise = torch.randn_like(velocity)
         context, _ = self.encoder(scenes.past, scenes.past_present)

@@ -75,9 +75,26 @@ def trimmed(scenes):
     return int(scenes.future_present[:, 0].sum(-1).max())
 
 
+def truth_of(scenes, steps):
+    """True positions [n, steps, 2] of the predicted persons, 0 where they have left, and where they are there."""
+    present = scenes.future_present[:, 0, :steps]
+    return torch.where(present[..., None], scenes.future[:, 0, :steps], 0.0), present
+
+
+def displacements(truth, present):
+    """What is walked in each step [n, T, 2] from t0's position on, 0 where not present."""
+    walked = truth - nn.functional.pad(truth, (0, 0, 1, 0))[:, :-1]
+    return torch.where(present[..., None], walked, 0.0)
+
+
+def turning(angle):
+    """Rotations [n, 2, 2] by `angle` [n] in rad, for row vectors: multiply from the right."""
+    c, s = torch.cos(angle), torch.sin(angle)
+    return torch.stack([torch.stack([c, s], -1), torch.stack([-s, c], -1)], -2)
+
+
 def rotated(scenes, angle):
     """Scenes turned about t0's position by `angle` [n] in rad: past, future and neighbours alike."""
-    c, s = torch.cos(angle), torch.sin(angle)
-    turn = torch.stack([torch.stack([c, s], -1), torch.stack([-s, c], -1)], -2)  # row vectors times this
+    turn = turning(angle)
     past, future = (torch.einsum("nmti,nij->nmtj", part, turn) for part in (scenes.past, scenes.future))
     return scenes._replace(past=past, future=future)

@@ -49,9 +49,7 @@ class Network(lstm.Network):
     def step_all(self, cell, displacement, position, here, state, crowd):
         """Advance everybody who is `here` [people] and has moved; the states of others stay as they are."""
         grid = pool(self.latent(state[0]), position, here, crowd)
-        embedded = torch.relu(self.embed(lstm.VELOCITY_SCALE * displacement))
-        inputs = [nn.functional.pad(embedded, (0, lstm.START_TAGS)), torch.relu(self.grid(grid))]
-        new = cell(torch.cat(inputs, -1), state)
+        new = cell(torch.cat([self.embedded(displacement), torch.relu(self.grid(grid))], -1), state)
         return tuple(torch.where(here[:, None], after, before) for after, before in zip(new, state, strict=True))
 
     def roll_out(self, past, present, steps, future=None, future_present=None):

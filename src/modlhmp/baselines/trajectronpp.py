@@ -10,7 +10,7 @@ import math
 import torch
 from torch import nn
 
-from modlhmp.baselines.network import Base, trimmed
+from modlhmp.baselines.network import Base, trimmed, truth_of
 
 RADIUS_M = 3.0  # of attention, also the scale of positions
 STATE_SCALE = (RADIUS_M, RADIUS_M, 2.0, 2.0, 1.0, 1.0)  # position [m], velocity [m/s], acceleration [m/s^2]
@@ -81,8 +81,7 @@ class Network(Base):
     def loss(self, scenes):
         """-(log-likelihood summed over steps - beta max(0.07, KL) + mutual information), a mean over the batch."""
         steps = trimmed(scenes)
-        mask = scenes.future_present[:, 0, :steps]
-        truth = torch.where(mask[..., None], scenes.future[:, 0, :steps], 0.0)
+        truth, mask = truth_of(scenes, steps)
         context, now = self.encoder(scenes.past, scenes.past_present)
         beta, clip = annealed(int(self.iteration), self.planned_iterations)
         clip = clip if self.training else UNCLIPPED
@@ -210,11 +209,14 @@ def draw(mean, log_sigma, correlation):
 
 def integrate(mean, log_sigma, correlation, step_s):
     """Position Gaussians of velocity ones: means [.., T, 2], variances (xx, yy, xy) [.., T, 3], summed over time."""
+    return step_s * mean.cumsum(-2), step_s**2 * moments_of(log_sigma, correlation).cumsum(-2)
+
+
+def moments_of(log_sigma, correlation):
+    """Variances (xx, yy, xy) [.., 3] of bivariate normals."""
     sigma = torch.exp(log_sigma)
-    variance = (sigma**2).clamp(min=1e-8)
     covariance = correlation * sigma.prod(-1)
-    moments = torch.cat([variance, covariance[..., None]], -1)
-    return step_s * mean.cumsum(-2), step_s**2 * moments.cumsum(-2)
+    return torch.cat([(sigma**2).clamp(min=1e-8), covariance[..., None]], -1)
 
 
 def mixture_log_density(xy, mean, moments):

@@ -10,7 +10,7 @@ import math
 import torch
 from torch import nn
 
-from modlhmp.baselines.network import Base, masked_mean
+from modlhmp.baselines.network import Base, masked_mean, turning
 
 NEAR_M = 2.0  # mean distance of a neighbour over the observation
 SCALE_SD = 0.05
@@ -75,8 +75,10 @@ class Network(Base):
     def loss(self, scenes):
         """Smooth L1 of the closest mode's path, plus cross-entropy of the scores against softened closeness."""
         frame = own_frame(scenes.past)
-        scale = 1 + SCALE_SD * torch.randn(len(frame), 1, 1, device=frame.device) if self.training else 1.0
-        past = (scenes.past @ frame[:, None]) * (scale[..., None] if self.training else 1.0)
+        scale = frame.new_ones(len(frame), 1, 1)
+        if self.training:
+            scale = scale + SCALE_SD * torch.randn(len(frame), 1, 1, device=frame.device)
+        past = (scenes.past @ frame[:, None]) * scale[..., None]
         future, mask = (scenes.future[:, 0] @ frame) * scale, scenes.future_present[:, 0]
         distance = mode_distance(future, mask, self.modes)
         closest = distance.argmin(1)
@@ -97,9 +99,7 @@ class Network(Base):
 def own_frame(past):
     """Rotations [n, 2, 2] for row vectors that bring each walker's first observed position onto the positive x axis."""
     first = past[:, 0, 0]
-    angle = torch.atan2(first[:, 1], first[:, 0])
-    c, s = torch.cos(angle), torch.sin(angle)
-    return torch.stack([torch.stack([c, -s], -1), torch.stack([s, c], -1)], -2)
+    return turning(-torch.atan2(first[:, 1], first[:, 0]))
 
 
 def mode_distance(future, mask, modes):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from modlhmp.tracks import MAX_GAP_S, concatenate, positions_at
+from modlhmp.tracks import MAX_GAP_S, concatenate, positions_at, runs
 
 RADIUS_M = 6.0  # the corner of Social LSTM's grid is 5.7 m away, the other networks look 2 to 3 m far
 MOST = 5
@@ -47,7 +47,7 @@ def find_neighbours(everyone, own_row, observed_rows=4, step_s=1.0):
     by_time = np.argsort(table.t, kind="stable")
     low, high = (np.searchsorted(table.t[by_time], time, side="right") for time in (t0 - LATE_STEPS * step_s, t0))
     walker = np.repeat(np.arange(n), high - low)
-    row = by_time[np.arange(len(walker)) + np.repeat(low - np.cumsum(high - low) + (high - low), high - low)]
+    row = by_time[runs(low, high - low)]
     other = track_of[row] != track_of[own_row[walker]]
     walker, row = walker[other], row[other]
     newest = np.ones(len(row), bool)
