@@ -10,6 +10,9 @@ from modlhmp.readers import read_recording
 from modlhmp.storage import DataError
 from modlhmp.tracks import MAX_GAP_S, Tracks
 
+VALIDATION_SHARE = 0.15
+BLOCK_S = 1800.0
+
 
 def clean_recording(path, dataset, recording):
     """Read a recording, apply the dataset's cleaning rules in their order, bring it to the time step.
@@ -21,6 +24,8 @@ def clean_recording(path, dataset, recording):
     account.tracks_read += 0 if account.tracks_read else len(tracks.bounds()) - 1
     for name, options in map(_rule, dataset["cleaning"]):
         tracks = _drop(tracks, name, RULES[name](tracks, dataset, **options), account)
+    if recording.get("part"):
+        tracks = _drop(tracks, "other_part", held_out(tracks) != (recording["part"] == "validation"), account)
     account.rows_kept = len(tracks.t)
     account.tracks_kept = len(tracks.bounds()) - 1
     if np.isnan(tracks.speed).all():
@@ -67,6 +72,18 @@ def lift_loiterers(tracks, dataset, polygons):
 
 
 RULES = {rule.__name__: rule for rule in (single_row, gap_over_5s, min_points, start_end_margin, lift_loiterers)}
+
+
+def held_out(tracks, seed=0):
+    """Whether tracks belong to the validation part of their recording: those that begin in some blocks of time.
+
+    About `VALIDATION_SHARE` of the recording's half-hours with people, drawn with `seed`, at least one. Companions stay
+    together, so a forecast of the one cannot be taken from the other.
+    """
+    block = (tracks.t[tracks.bounds()[:-1]] // BLOCK_S).astype(np.int64)
+    blocks = np.unique(block)
+    number = max(round(VALIDATION_SHARE * len(blocks)), 1)
+    return np.isin(block, np.random.default_rng(seed).permutation(blocks)[:number])
 
 
 def interpolate(tracks, step_s):

@@ -2,6 +2,7 @@
 
 import difflib
 import glob
+import math
 import os
 import re
 from datetime import date
@@ -14,7 +15,7 @@ import yaml
 from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.cleaning import RULES
 from modlhmp.floor_plan import image_of
-from modlhmp.maps import KINDS as MAP_KINDS
+from modlhmp.maps import SAMPLED
 from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.storage import DataError
 
@@ -28,7 +29,11 @@ DATASET_DEFAULTS = {
     "sources": [],
     "demo": False,
     "paper_results": None,
+    "difference_weights": [0.48, 0.33, 0.19],
+    "tuned": {},
 }
+VALIDATION_DAYS = 0.3
+AVERAGED = ("cvm", "episodes", "snippets", *(kind for kind in LEARNED_KINDS if kind != "mid"))
 _READER_NEEDS = {
     "edinburgh": ("frame_rate", "scale"),
     "edinburgh_rows": ("frame_rate", "scale", "row_stride"),
@@ -71,11 +76,21 @@ def check_config(config, datasets_folder):
     for name in config["compare"]:
         if name not in config["methods"]:
             raise DataError(_unknown("compare", "method", name, config["methods"]))
+        for member in members(config, name):
+            if member not in config["compare"]:
+                raise DataError(
+                    _unknown(f"methods.{name}.options.of", "method of `compare`", member, config["compare"])
+                )
+            if config["methods"][member]["kind"] not in AVERAGED:
+                raise DataError(
+                    f"configuration, methods.{name}.options.of: {member} has no single path to be averaged; "
+                    f"kinds that have are {', '.join(AVERAGED)}"
+                )
     studied = config["studies"]["method"]
     if studied not in config["methods"]:
         raise DataError(_unknown("studies.method", "method", studied, config["methods"]))
-    if config["methods"][studied]["kind"] not in MAP_KINDS:
-        raise DataError(f"configuration, studies.method: {studied} has no map, so neither beta nor r_s")
+    if config["methods"][studied]["kind"] not in SAMPLED:
+        raise DataError(f"configuration, studies.method: {studied} has no map to sample, so neither beta nor r_s")
     for pair in config["comparisons"]:
         for name in pair:
             if name not in config["methods"]:
@@ -86,20 +101,29 @@ def check_config(config, datasets_folder):
             raise DataError(_unknown("datasets", "dataset", name, known))
 
 
-def method_settings(config, name):
+def members(config, name):
+    """The methods whose forecasts a method averages; none for most."""
+    method = config["methods"][name]
+    return method.get("options", {}).get("of", []) if method["kind"] == "average" else []
+
+
+def method_settings(config, name, tuned=()):
     """All that a method's forecasts depend on: its `kind` and `options`, for a learned one also `learned`.
 
-    Options of a map's method are those of `rollout`, of a learned one those of its kind in the budget; in both cases
-    its own `options` win. A learned method's may also name another `budget` or kind of `futures`.
+    Options come from the configuration's section for its kind (`rollout` for maps that are sampled, `episodes`,
+    `snippets`, the budget's for networks); the method's own `options` win, and over them those that a dataset file
+    has `tuned` for it. A learned method's may also name another `budget` or kind of `futures`.
     """
-    kind, own = config["methods"][name]["kind"], config["methods"][name].get("options", {})
-    if kind in MAP_KINDS:
+    kind, own = config["methods"][name]["kind"], {**config["methods"][name].get("options", {}), **dict(tuned)}
+    if kind in LEARNED_KINDS:
+        learned = {key: own.get(key, value) for key, value in config["learned"].items() if key != "threads"}
+        sizes = {key: value for key, value in own.items() if key not in learned}
+        return {"kind": kind, "options": {**config["budgets"][learned["budget"]][kind], **sizes}, "learned": learned}
+    if kind in SAMPLED:
         return {"kind": kind, "options": {**config["rollout"], **own}}
-    if kind not in LEARNED_KINDS:
-        return {"kind": kind, "options": {}}
-    learned = {key: own.get(key, value) for key, value in config["learned"].items() if key != "threads"}
-    sizes = {key: value for key, value in own.items() if key not in learned}
-    return {"kind": kind, "options": {**config["budgets"][learned["budget"]][kind], **sizes}, "learned": learned}
+    if kind == "cvm":
+        return {"kind": kind, "options": {"velocity": config["rollout"]["velocity"], **own}}
+    return {"kind": kind, "options": {**config.get(kind, {}), **own}}
 
 
 def _unknown(key, what, name, known):
@@ -116,6 +140,39 @@ def check_datasets(datasets, run):
         raise DataError(f"datasets {', '.join(names)}: their exhibits carry the same `label`; change one")
     if run == "demo" and not all(dataset["demo"] for dataset in datasets.values()):
         raise DataError("configuration, run: `demo` is for the demo's recordings; give your run a name of its own")
+
+
+def validation_part(dataset):
+    """The dataset without its test recordings: part of the training recordings stands in for them.
+
+    The last `VALIDATION_DAYS` of the training days, rounded up; a single day is cut by blocks of time
+    (`cleaning.held_out`), which gives two recordings of each. What is chosen in such a run has not seen the test set.
+    """
+    training = [recording for recording in dataset["recordings"] if recording["split"] == "train"]
+    days = sorted({recording["day"] for recording in training})
+    if len(days) > 1:
+        held = days[-math.ceil(VALIDATION_DAYS * len(days)) :]
+        parts = [{**r, "split": "test" if r["day"] in held else "train"} for r in training]
+    else:
+        names = {"fit": "train", "validation": "test"}
+        parts = [
+            {**r, "name": f"{r['name']}-{part}", "part": part, "split": split}
+            for r in training
+            for part, split in names.items()
+        ]
+    return {**dataset, "recordings": parts}
+
+
+def check_tuned(datasets, config, schema):
+    """Options that dataset files have `tuned` must be of methods that exist, and ones that these take."""
+    for dataset in datasets.values():
+        for name, options in dataset["tuned"].items():
+            source = f"config/datasets/{dataset['name']}.yaml, tuned"
+            if name not in config["methods"]:
+                raise DataError(_unknown(source, "method", name, config["methods"]))
+            method = config["methods"][name]
+            merged = {**method, "options": {**method.get("options", {}), **options}}
+            check({**config, "methods": {**config["methods"], name: merged}}, schema, source)
 
 
 def load_dataset(path, schema, data_root, demo_root=None):
@@ -261,6 +318,7 @@ def _resolve(path, entry, dataset, data_root):
             "day": entry["day"],
             "start": entry.get("start"),
             "split": entry["split"],
+            "part": None,
         }
         for file in found
         for stored, member in [_stored(file or root / listed)]

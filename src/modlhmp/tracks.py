@@ -49,6 +49,16 @@ def concatenate(tables):
     return Tracks(*map(np.concatenate, zip(*tables, strict=True))) if tables else empty_tracks()
 
 
+def together(tables):
+    """One table of several recordings, in their order; ids may repeat between them, so each gets a range of its own."""
+    shift, distinct = 0, []
+    for table in tables:
+        if len(table.t):
+            distinct.append(table._replace(track_id=table.track_id - table.track_id.min() + shift))
+            shift = distinct[-1].track_id.max() + 1
+    return concatenate(distinct)
+
+
 def write_tracks(tracks, path, **provenance):
     """Write the clean form of a recording (design: `tracks/{recording}.parquet`)."""
     write_parquet(pa.table(dict(zip(COLUMNS, tracks, strict=True))), path, **provenance)
@@ -66,6 +76,17 @@ def read_tracks(path):
 def runs(first, counts):
     """Whole numbers first, first + 1, ... of `counts` [m] runs that begin at `first` [m], one run after the other."""
     return np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
+
+
+def usable_tracks(tracks, observed_rows=4):
+    """First and last row of every usable track: more rows than are observed and no gap over 5 s; [n, 2]."""
+    bounds = tracks.bounds()
+    first, last = bounds[:-1], bounds[1:] - 1
+    gaps = np.zeros(len(tracks.t), bool)
+    gaps[1:] = (np.diff(tracks.t) > MAX_GAP_S) & (np.diff(tracks.track_id) == 0)
+    gap_sum = np.concatenate([[0], np.cumsum(gaps)])
+    usable = (last - first >= observed_rows) & (gap_sum[last + 1] == gap_sum[first])
+    return np.column_stack([first, last])[usable]
 
 
 def positions_at(tracks, rows, when, track=None):
@@ -101,6 +122,11 @@ def circular_difference(a, b):
 def clock_hours(t, timezone):
     """Local clock hour (0-23) of unix times [s]."""
     return (np.floor(np.asarray(t, float) + clock_offsets(t, timezone)).astype(np.int64) // 3600) % 24
+
+
+def clock_time(t, timezone):
+    """Clock time of day [h] of unix times [s]."""
+    return np.mod(t + clock_offsets(t, timezone), 86400.0) / 3600.0
 
 
 def clock_offsets(t, timezone):

@@ -9,8 +9,8 @@ from crowds import START, crowd, people_of, reordered, straight, walk
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from modlhmp.forecasting.neighbours import MOST, RADIUS_M, find_neighbours, together
-from modlhmp.tracks import concatenate, empty_tracks, positions_at
+from modlhmp.forecasting.neighbours import MOST, RADIUS_M, find_neighbours
+from modlhmp.tracks import concatenate, empty_tracks, positions_at, together
 
 
 def people_and_rows(tracks, own_row):
@@ -232,7 +232,7 @@ def test_together_keeps_ids_of_different_people_apart():
         empty_tracks(),
         straight(-3, (0, 4), (1, 0), 4),
     ]
-    tracks = together(own, others)
+    tracks = together([own, *others])
     assert len(set(tracks.track_id.tolist())) == 5
     assert len(tracks.bounds()) == 6  # no two people in a row run into one
     for column in ("t", "x", "y"):  # the recording's own rows come first, as they were
@@ -244,6 +244,6 @@ def test_together_keeps_ids_of_different_people_apart():
 
 def test_together_without_anybody():
     own = straight(3, (0, 0), (1, 0), 4)
-    assert len(together(own, []).t) == len(together(own, [empty_tracks()]).t) == 4
-    assert len(together(empty_tracks(), []).t) == 0
-    assert together(empty_tracks(), [own]).t[0] == START
+    assert len(together([own]).t) == len(together([own, empty_tracks()]).t) == 4
+    assert len(together([empty_tracks()]).t) == 0
+    assert together([empty_tracks(), own]).t[0] == START

@@ -187,7 +187,7 @@ def test_a_network_s_settings_are_its_budget_s_and_its_own(config, schemas):
     assert mine["options"] == {**config["budgets"]["economical"]["tutr"], "epochs": 7, "rotate": False}
     assert mine["learned"] == {"budget": "economical", "futures": "full", "device": "auto", "seed": 0}
     assert method_settings(config, "tutr")["options"] == config["budgets"]["demo"]["tutr"]
-    assert method_settings(config, "cvm") == {"kind": "cvm", "options": {}}
+    assert method_settings(config, "cvm") == {"kind": "cvm", "options": {"velocity": "columns"}}
     assert method_settings(config, "stef")["options"] == config["rollout"]
 
 

@@ -23,7 +23,7 @@ rule clean_recording:
         dataset=lambda wildcards: settings_of(wildcards.dataset, CLEANING_KEYS),
         recording=lambda wildcards: {
             key: recording(wildcards)[key]
-            for key in ("file", "member", "day", "start", "split")
+            for key in ("file", "member", "day", "start", "split", "part")
         },
         sources=lambda wildcards: DATASETS[wildcards.dataset]["sources"],
         sums="resources/SHA256SUMS",

@@ -10,13 +10,16 @@ import yaml
 from snakemake.exceptions import WorkflowError
 
 from modlhmp.baselines import KINDS as LEARNED_KINDS
-from modlhmp.maps import KINDS as MAP_KINDS, map_path
+from modlhmp.maps import KINDS as MAP_KINDS, SAMPLED, map_path
 from modlhmp.settings import (
     check,
     check_config,
     check_datasets,
+    check_tuned,
     load_dataset,
+    members,
     method_settings,
+    validation_part,
 )
 from modlhmp.storage import DataError
 from modlhmp.versions import code_version
@@ -48,6 +51,9 @@ try:
         for name in config["datasets"]
     }
     check_datasets(DATASETS, config["run"])
+    if config["evaluate_on"] == "validation":
+        DATASETS = {name: validation_part(one) for name, one in DATASETS.items()}
+    check_tuned(DATASETS, config, load_schema("config"))
 except DataError as error:
     raise WorkflowError(f"\n{error}") from None
 
@@ -55,6 +61,7 @@ RUN = config["run"]
 EXHIBITS = f"paper_figures/{RUN}"
 TITLES = {name: config["methods"][name]["title"] for name in config["compare"]}
 METHODS = {name: method_settings(config, name) for name in config["compare"]}
+AVERAGES = [name for name in METHODS if METHODS[name]["kind"] == "average"]
 LEARNED = [name for name in METHODS if METHODS[name]["kind"] in LEARNED_KINDS]
 
 NO_METHOD = "(?!)"  # a wildcard constraint that nothing meets
@@ -90,7 +97,10 @@ CLEANING_KEYS = (
     ),
     *("columns", "header", "separator", "units"),
 )
-FORECAST_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity")
+FORECAST_KEYS = (
+    *("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity"),
+    "difference_weights",
+)
 SCORE_KEYS = (*FORECAST_KEYS, "paper_protocol")
 STUDY_KEYS = ("name", *SCORE_KEYS)
 
@@ -147,6 +157,11 @@ def track_files(split):
     return files
 
 
+def method_of(dataset, name):
+    """A method's settings, with what has been tuned for a dataset."""
+    return method_settings(config, name, DATASETS[dataset]["tuned"].get(name, ()))
+
+
 def method_map(wildcards):
     """Input function: the map that a method needs, nothing for one without."""
     kind = METHODS[wildcards.method]["kind"]
@@ -155,6 +170,13 @@ def method_map(wildcards):
         if kind in MAP_KINDS
         else []
     )
+
+
+def method_exits(wildcards):
+    """Input function: the ways out, for a method that samples its map and uses them."""
+    method = method_of(wildcards.dataset, wildcards.method)
+    uses = method["kind"] in SAMPLED and method["options"]["exits"]
+    return f"results/{RUN}/{wildcards.dataset}/maps/exits.parquet" if uses else []
 
 
 def dataset_of_label(label):

@@ -1,8 +1,9 @@
 # Maps of dynamics from the training recordings.
 #
 # INPUTS   clean training tracks
-# OUTPUTS  results/{run}/{dataset}/maps: cliff.parquet, tc_cliff/{hour}.parquet, stef.parquet, stef/{hour}.parquet
-# STEPS    build_cliff, build_tc_cliff, build_stef
+# OUTPUTS  results/{run}/{dataset}/maps: cliff.parquet, tc_cliff/{hour}.parquet, stef.parquet, stef/{hour}.parquet,
+#          episodes.parquet, snippets.parquet, exits.parquet
+# STEPS    build_cliff, build_tc_cliff, build_stef, build_episodes, build_snippets, build_exits
 
 
 rule build_cliff:
@@ -74,3 +75,73 @@ rule build_stef:
         "STeF-map of {wildcards.dataset}"
     script:
         "../scripts/build_stef.py"
+
+
+rule build_episodes:
+    """Episode map: the training tracks at the time step, to be found by place, heading and speed."""
+    input:
+        tracks=track_files("train"),
+    output:
+        f"results/{RUN}/{{dataset}}/maps/episodes.parquet",
+    log:
+        f"results/{RUN}/logs/build_episodes/{{dataset}}.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/build_episodes/{{dataset}}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        dataset=lambda wildcards: settings_of(wildcards.dataset, ("time_step_s",)),
+        code=code_of("build_episodes"),
+    message:
+        "Episode map of {wildcards.dataset}"
+    script:
+        "../scripts/build_episodes.py"
+
+
+rule build_snippets:
+    """Snippet flow map: displacements of a few seconds by cell and heading."""
+    input:
+        tracks=track_files("train"),
+    output:
+        f"results/{RUN}/{{dataset}}/maps/snippets.parquet",
+    log:
+        f"results/{RUN}/logs/build_snippets/{{dataset}}.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/build_snippets/{{dataset}}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        options=config["maps"]["snippets"],
+        dataset=lambda wildcards: settings_of(
+            wildcards.dataset, ("time_step_s", "observed_rows")
+        ),
+        code=code_of("build_snippets"),
+    message:
+        "Snippet flow map of {wildcards.dataset}"
+    script:
+        "../scripts/build_snippets.py"
+
+
+rule build_exits:
+    """How likely people leave, by cell and heading."""
+    input:
+        tracks=track_files("train"),
+    output:
+        f"results/{RUN}/{{dataset}}/maps/exits.parquet",
+    log:
+        f"results/{RUN}/logs/build_exits/{{dataset}}.log",
+    benchmark:
+        f"results/{RUN}/benchmarks/build_exits/{{dataset}}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        options=config["maps"]["exits"],
+        dataset=lambda wildcards: settings_of(wildcards.dataset, ("time_step_s",)),
+        code=code_of("build_exits"),
+    message:
+        "Ways out of {wildcards.dataset}"
+    script:
+        "../scripts/build_exits.py"

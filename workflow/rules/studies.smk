@@ -11,10 +11,7 @@ STUDIED = [
 STUDY_METHOD = {
     "name": STUDY["method"],
     "kind": config["methods"][STUDY["method"]]["kind"],
-    "options": {
-        **config["rollout"],
-        **config["methods"][STUDY["method"]].get("options", {}),
-    },
+    "options": method_settings(config, STUDY["method"])["options"],
 }
 
 

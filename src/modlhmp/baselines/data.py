@@ -9,11 +9,11 @@ from typing import NamedTuple
 import numpy as np
 
 from modlhmp.forecasting.base import stream_keys
-from modlhmp.forecasting.neighbours import find_neighbours, together
+from modlhmp.forecasting.neighbours import find_neighbours
 from modlhmp.forecasting.observe import observe, usable_tracks
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, positions_at, runs
+from modlhmp.tracks import Tracks, positions_at, runs, together
 
 
 class Scenes(NamedTuple):
@@ -144,7 +144,7 @@ def training_data(days, futures, held_out_share, seed, *shape):
 
 def day_of(own, others, observed_rows):
     """A `Day` of the tracks of one recording, with those of other recordings of that day as neighbours."""
-    return Day(together(own, others), usable_tracks(own, observed_rows))
+    return Day(together([own, *others]), usable_tracks(own, observed_rows))
 
 
 def _present(xy, origin):

@@ -6,31 +6,69 @@ import pyarrow.parquet as pq
 
 from modlhmp import maps
 from modlhmp.forecasting.base import Forecast, stream_keys
+from modlhmp.forecasting.chain import chain
 from modlhmp.forecasting.cvm import constant_velocity
-from modlhmp.forecasting.neighbours import find_neighbours, together
-from modlhmp.forecasting.observe import current_velocity, observe, usable_tracks
+from modlhmp.forecasting.median import with_median
+from modlhmp.forecasting.neighbours import find_neighbours
+from modlhmp.forecasting.observe import current_velocity, observe, observed_steps, polar
+from modlhmp.forecasting.replay import replay
 from modlhmp.forecasting.rollout import roll_out
+from modlhmp.maps.episodes import EpisodeMap
+from modlhmp.maps.exits import WithExits
+from modlhmp.maps.pieces import Metric, vector_mean
+from modlhmp.maps.snippets import SnippetMap
 from modlhmp.storage import atomic_path, provenance_metadata, read_metadata
+from modlhmp.tracks import together, usable_tracks
+
+STORED = 20  # of the samples behind a median; all of them would be gigabytes
+UNSEEDED = ("cvm", "episodes")  # kinds that draw no random numbers
 
 
-def make_forecaster(kind, options, dataset, map_path):
+def make_forecaster(kind, options, dataset, map_path=None, exits_path=None):
     """The forecaster of a method: a function (observed, steps, keys) -> Forecast (contract: `forecasting.base`)."""
-    step_s, source = dataset["time_step_s"], dataset["velocity"]
     if kind == "cvm":
         return lambda observed, steps, keys: constant_velocity(
-            observed, current_velocity(observed, source), steps, step_s
+            observed, velocity_at_t0(observed, options, dataset), steps, dataset["time_step_s"]
         )
+    if kind in maps.FOLLOWED:
+        return _follower(kind, options, dataset, map_path)
     mod = maps.load_map(kind, map_path, dataset["timezone"], options["sampling_radius_m"])
-    return lambda observed, steps, keys: roll_out(
-        mod,
-        observed,
-        current_velocity(observed, source),
-        steps,
-        keys,
-        step_s,
-        options["beta"],
-        options["speed"],
-    )
+    return roll_out_forecaster(WithExits.load(mod, exits_path) if options["exits"] else mod, options, dataset)
+
+
+def roll_out_forecaster(mod, options, dataset):
+    """The forecaster of a map that is sampled at every step; its result is ranked, or the futures' median."""
+
+    def forecast(observed, steps, keys):
+        velocity = velocity_at_t0(observed, options, dataset)
+        futures = roll_out(
+            mod, observed, velocity, steps, keys, dataset["time_step_s"], options["beta"], options["speed"]
+        )
+        return with_median(futures) if options["output"] == "geometric_median" else futures
+
+    return forecast
+
+
+def velocity_at_t0(observed, options, dataset):
+    """Speed [n] and heading [n]: the paper's mean of the dataset's velocities, or the vector mean of differences."""
+    if options["velocity"] == "differences":
+        return polar(vector_mean(observed_steps(observed), dataset["difference_weights"]))
+    return current_velocity(observed, dataset["velocity"])
+
+
+def _follower(kind, options, dataset, map_path):
+    """The forecaster of a map with memory."""
+    metric = Metric(*(options[name] for name in Metric._fields))
+    weights, past = dataset["difference_weights"], dataset["observed_rows"] - 1
+    if kind == "episodes":
+        mod = EpisodeMap.load(
+            map_path, metric, weights, past, dataset["time_step_s"], dataset["timezone"], options["persons"]
+        )
+        rest = (options["k"], options["pace"], options["reach_m"], options["exclude_s"])
+        return lambda observed, steps, keys: replay(mod, observed, steps, dataset["time_step_s"], *rest)
+    mod = SnippetMap.load(map_path, metric, weights, options["length_s"], options["most"], dataset["timezone"])
+    rest = (options["kernel_m"], options["pace"], options["exits"], options["exclude_s"])
+    return lambda observed, steps, keys: chain(mod, observed, steps, keys, *rest)
 
 
 def forecast_recording(tracks, forecaster, dataset, names, k, seeds, others=None):
@@ -43,7 +81,7 @@ def forecast_recording(tracks, forecaster, dataset, names, k, seeds, others=None
     seen, rows = dataset["observed_rows"], usable_tracks(tracks, dataset["observed_rows"])
     observed = observe(tracks, rows, seen)
     if others is not None:
-        everyone, at_t0 = together(tracks, others), rows[:, 0] + seen - 1
+        everyone, at_t0 = together([tracks, *others]), rows[:, 0] + seen - 1
         found = find_neighbours(everyone, at_t0, seen, dataset["time_step_s"])
         observed = observed._replace(neighbours=found.xy)
     steps = round(dataset["horizon_s"] / dataset["time_step_s"])
@@ -54,12 +92,40 @@ def forecast_recording(tracks, forecaster, dataset, names, k, seeds, others=None
             return
 
 
+def average_forecasts(members):
+    """The mean path of several methods' forecasts, each a list as of `read_forecasts`; yields the same, of one future.
+
+    A seed is averaged with the others' forecasts of that seed, or of their only one. Methods whose path has ended do
+    not count from then on; the mean is held once all have.
+    """
+    by_seed = [{seed: (ids, forecast) for seed, ids, forecast in member} for member in members]
+    for seed in max(by_seed, key=len, default={}):
+        chosen = [member.get(seed) or next(iter(member.values())) for member in by_seed]
+        ids = chosen[0][0]
+        if not all(np.array_equal(ids, other) for other, _ in chosen):
+            raise ValueError("the forecasts to be averaged are of different tracks; remake them")
+        xy = np.stack([forecast.xy[:, 0] for _, forecast in chosen])
+        alive = np.stack([forecast.steps_alive[:, 0] for _, forecast in chosen])
+        life, step = alive.max(axis=0), np.arange(xy.shape[2])
+        # Where no member knows more than constant velocity, that is averaged.
+        counts = (alive[..., None] > step) | (life == 0)[:, None]
+        mean = (xy * counts[..., None]).sum(axis=0) / np.maximum(counts.sum(axis=0), 1)[..., None]
+        held = np.minimum(step, np.where(life > 0, life - 1, len(step) - 1)[:, None])
+        mean = np.take_along_axis(mean, held[..., None], axis=1).astype(np.float32)
+        no_fitness = np.zeros((len(ids), 1, len(step)), np.float32)
+        yield seed, ids, Forecast(mean[:, None], no_fitness, life[:, None].astype(np.int32), "single")
+
+
 def write_forecasts(path, forecasts, **provenance):
-    """Write forecasts as they come, one row a track and seed and one row group a seed."""
+    """Write forecasts as they come, one row a track and seed and one row group a seed.
+
+    Of a median's futures, the first (itself) and `STORED` samples are kept.
+    """
     with atomic_path(path) as temporary:
         writer = None
         try:
-            for seed, track_ids, forecast in forecasts:
+            for seed, track_ids, whole in forecasts:
+                forecast = whole.first(1 + STORED) if whole.output == "median" else whole
                 _, k, steps, _ = forecast.xy.shape
                 table = pa.table(
                     {

@@ -12,6 +12,7 @@ import hashlib
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
 
 class Forecast(NamedTuple):
@@ -19,13 +20,18 @@ class Forecast(NamedTuple):
 
     `xy` [n, k, T, 2] float32 in m, held at the last alive position (t0's if none) once a future has stopped;
     `log_fitness` [n, k, T] float32, cumulative, held likewise; `steps_alive` [n, k] int32;
-    `output`: how one result comes out of the k (`ranked`: the fittest, `mean`: the mean error, `single`: k = 1).
+    `output`: how one result comes out of the k (`ranked`: the fittest, `mean`: the mean error, `single`: k = 1,
+    `median`: the first one, which is the geometric median of the living others at each step).
     """
 
     xy: np.ndarray
     log_fitness: np.ndarray
     steps_alive: np.ndarray
     output: str
+
+    def first(self, number):
+        """The first `number` of the futures."""
+        return Forecast(*(part[:, :number] for part in self[:3]), self.output)
 
 
 def stream_keys(track_ids, k, *names):
@@ -50,6 +56,15 @@ def uniforms(keys, step, draws):
 
 
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+
+
+@njit(cache=True)
+def uniform(key, number):
+    """The number-th of a key's numbers in (0, 1): what `uniforms` gives, for kernels that use as many as they need."""
+    z = key + np.uint64(number + 1) * _GOLDEN
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return (np.float64((z ^ (z >> np.uint64(31))) >> np.uint64(11)) + 0.5) * 2.0**-53
 
 
 def _mix(z):

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from modlhmp.tracks import MAX_GAP_S, concatenate, positions_at, runs
+from modlhmp.tracks import MAX_GAP_S, positions_at, runs
 
 RADIUS_M = 6.0  # the corner of Social LSTM's grid is 5.7 m away, the other networks look 2 to 3 m far
 MOST = 5
@@ -18,19 +18,6 @@ class Neighbours(NamedTuple):
 
     track: np.ndarray
     xy: np.ndarray
-
-
-def together(own, others):
-    """The tracks of a recording, as its first rows, and those of other recordings of that day.
-
-    Ids may repeat between recordings, so each gets a range of its own.
-    """
-    shift, tables = 0, []
-    for table in (own, *others):
-        if len(table.t):
-            tables.append(table._replace(track_id=table.track_id - table.track_id.min() + shift))
-            shift = tables[-1].track_id.max() + 1
-    return concatenate(tables)
 
 
 def find_neighbours(everyone, own_row, observed_rows=4, step_s=1.0):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from modlhmp.tracks import MAX_GAP_S
+from modlhmp.tracks import usable_tracks
 
 SIGMA_STEPS = 1.5
 
@@ -27,17 +27,6 @@ class Observed(NamedTuple):
     speed: np.ndarray
     heading: np.ndarray
     neighbours: np.ndarray
-
-
-def usable_tracks(tracks, observed_rows=4):
-    """First and last row of every usable track: more rows than are observed and no gap over 5 s; [n, 2]."""
-    bounds = tracks.bounds()
-    first, last = bounds[:-1], bounds[1:] - 1
-    gaps = np.zeros(len(tracks.t), bool)
-    gaps[1:] = (np.diff(tracks.t) > MAX_GAP_S) & (np.diff(tracks.track_id) == 0)
-    gap_sum = np.concatenate([[0], np.cumsum(gaps)])
-    usable = (last - first >= observed_rows) & (gap_sum[last + 1] == gap_sum[first])
-    return np.column_stack([first, last])[usable]
 
 
 def seconds_after_t0(recordings, observed_rows=4):
@@ -79,3 +68,16 @@ def current_velocity(observed, source):
     # Sums by row, not a matrix product: that one's last bit depends on how many tracks there are.
     sine, cosine = ((weights * part(heading)).sum(axis=1) for part in (np.sin, np.cos))
     return (weights * speed).sum(axis=1), np.arctan2(sine, cosine)
+
+
+def observed_steps(observed):
+    """Velocities [n, rows - 1, 2] in m/s between the observed positions, newest first."""
+    backward = (np.diff(column, axis=1)[:, ::-1] for column in (observed.x, observed.y, observed.t))
+    dx, dy, dt = backward
+    return np.stack([dx / dt, dy / dt], axis=-1)
+
+
+def polar(velocity):
+    """Speed [n] in m/s and heading [n] in rad of velocities [n, 2]."""
+    x, y = (np.ascontiguousarray(part) for part in velocity.T)  # see current_velocity
+    return np.hypot(x, y), np.arctan2(y, x)

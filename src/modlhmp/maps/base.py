@@ -42,11 +42,16 @@ class HourlyMod:
 
 def lattice_index(i, j, origin, shape):
     """Dense lookup [shape] of lattice nodes (i, j): row of the node's entry, -1 where there is none."""
-    if np.prod(np.asarray(shape, float)) > MAX_LATTICE:
-        raise DataError(
-            f"a map of {len(i)} locations spans {shape[0]} x {shape[1]} of them: some recorded positions are far away; "
-            "look for them in the clean tracks, and at the units and `scale` of the dataset file"
-        )
+    check_lattice(len(i), shape)
     index = np.full(shape, -1, np.int64)
     index[i - origin[0], j - origin[1]] = np.arange(len(i))
     return index
+
+
+def check_lattice(number, shape):
+    """Raise `DataError` if `number` locations spread over a box of so many nodes that some must be far away."""
+    if np.prod(np.asarray(shape, float)) > MAX_LATTICE:
+        raise DataError(
+            f"a map of {number} locations spans {shape[0]} x {shape[1]} of them: some recorded positions are far away; "
+            "look for them in the clean tracks, and at the units and `scale` of the dataset file"
+        )

@@ -23,6 +23,9 @@ def score(forecast, truth, eligible_steps, infeasible=None):
     standing (`ranked`) are also scored without ranking, as the mean of their values (`mean`); where that mean is the
     method's result, the path of their mean positions is scored beside it (`mean_path`), where all may be.
     """
+    if forecast.output == "median":  # the futures after the first are its samples
+        forecast = forecast.first(1)
+        infeasible = None if infeasible is None else infeasible[:, :1]
     values = dict(zip(("ade", "fde"), displacement_errors(forecast.xy, truth), strict=True))
     if infeasible is not None:
         values["infeasible"] = infeasible.astype(np.float32)
@@ -36,7 +39,7 @@ def score(forecast, truth, eligible_steps, infeasible=None):
     scores = {}
     for protocol in PROTOCOLS:
         outside = horizon > eligible_steps[protocol][:, None]
-        if forecast.output in {"ranked", "single"}:
+        if forecast.output in {"ranked", "single", "median"}:
             best = most_likely(forecast.log_fitness, chosen_by[protocol])
             scores[forecast.output, protocol] = {m: _pick(one, best, outside) for m, one in values.items()}
         if forecast.output in {"ranked", "mean"}:

@@ -1,0 +1,149 @@
+"""Forecasting with a snippet flow map: particles that string real snippets together.
+
+A particle draws a snippet that starts where it is, as it walks, follows it at its own pace, and draws the next one
+where that ends. A snippet whose person left takes its particle with it. The result is the geometric median, at every
+second, of the particles that are still there; all of them are the distribution. With snippets of one step this is
+CLiFF-LHMP with real velocities instead of a mixture's, conditioned on heading and speed.
+"""
+
+import numpy as np
+from numba import njit
+
+from modlhmp.forecasting.base import Forecast, uniform
+from modlhmp.forecasting.cvm import constant_velocity
+from modlhmp.forecasting.median import with_median
+from modlhmp.forecasting.observe import observed_steps, polar
+from modlhmp.forecasting.replay import between, hold, paced
+from modlhmp.maps.pieces import HEADINGS, SLOW_M_S, features, vector_mean
+from modlhmp.tracks import clock_time
+
+MOST_TRIES = 100  # of the rejection sampler, after which the most similar snippet tried is taken
+NEIGHBOURING = 1.5  # heading bins between a particle's heading and the middle of a bin that is looked at
+RINGS = (1, 3)  # cells around a particle that are looked at: the second only if the first holds nothing
+
+
+def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=0.0):
+    """Forecast with a `SnippetMap`; returns a `Forecast`, its first future the median, then one a key.
+
+    A snippet is drawn with probability proportional to exp(-d^2 / (2 `kernel_m`^2)), d being how unlike it and the
+    particle are. Without `exits` a particle whose snippet ends in one draws another. Snippets within `exclude_s` of the
+    walker's t0 are left out ("no contemporaries"). A walker near whom nobody walked this way goes on at constant
+    velocity and counts as not alive from the start.
+    """
+    here = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
+    velocities, t0 = observed_steps(observed), observed.t[:, -1]
+    points, speed = features(here, velocities, mod.weights, mod.metric, clock_time(t0, mod.timezone))
+    xy, alive = _chain(
+        keys, points, speed, t0 / 60.0, exclude_s / 60.0, steps, kernel_m, pace, exits, mod.index, mod.origin, mod.cell,
+        mod.starts, mod.count, mod.points, mod.speed, mod.steps, mod.leaves, mod.minute, mod.path, mod.past, mod.step_s,
+        padded(mod.weights, mod.past), np.array(mod.metric),
+    )  # fmt: skip
+    forecast = with_median(Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median"))
+    nowhere = forecast.steps_alive[:, 0] == 0
+    straight = constant_velocity(observed, polar(vector_mean(velocities, mod.weights)), steps, mod.step_s)
+    forecast.xy[nowhere] = straight.xy[nowhere]
+    return forecast
+
+
+def padded(weights, number):
+    """The first `number` weights, summing to 1, with zeros where there are fewer."""
+    used = np.zeros(number)
+    used[: len(weights)] = weights[:number]
+    return used / used.sum()
+
+
+@njit(cache=True)
+def _chain(
+    keys, points, speeds, minutes, exclude, steps, kernel, pace, exits, index, origin, cell, starts, count, map_points,
+    map_speed, map_steps, leaves, map_minute, path, past, step_s, weights, metric,
+):  # fmt: skip
+    n, k = keys.shape
+    xy = np.empty((n, k, steps, 2), np.float32)
+    alive = np.zeros((n, k), np.int32)
+    bins, upto = np.empty(49 * (HEADINGS + 1), np.int64), np.empty(49 * (HEADINGS + 1))
+    point = np.empty(points.shape[1])
+    for i in range(n):
+        for j in range(k):
+            point[:], speed = points[i], speeds[i]
+            clock, step, drawn = 0.0, 0, 0  # rows since t0, steps done, random numbers used
+            while step < steps:
+                row, drawn = _draw(
+                    keys[i, j], drawn, point, speed, minutes[i], exclude, kernel, metric, index, origin, cell, starts,
+                    count, map_points, map_minute, bins, upto,
+                )  # fmt: skip
+                if row < 0:
+                    break
+                rate, end = paced(speed, map_speed[row], pace), map_steps[row]
+                while step < steps and (step + 1 - clock) * rate <= end:
+                    at = past + (step + 1 - clock) * rate
+                    for axis in range(2):
+                        xy[i, j, step, axis] = point[axis] + between(path[row], at, axis)
+                    step += 1
+                if leaves[row] and exits:
+                    break
+                clock += end / rate
+                speed = _move_on(point, path[row], past + end, rate / step_s, weights, metric)
+            alive[i, j] = step
+            hold(xy[i, j], step, points[i, :2])
+    return xy, alive
+
+
+@njit(cache=True)
+def _move_on(point, path, at, rate, weights, metric):
+    """Turn `point` into that of a particle at row `at` of a snippet's path; returns its speed."""
+    vx = vy = 0.0
+    for m in range(len(weights)):
+        vx += rate * weights[m] * (path[at - m, 0] - path[at - m - 1, 0])
+        vy += rate * weights[m] * (path[at - m, 1] - path[at - m - 1, 1])
+    speed, oldest = np.sqrt(vx * vx + vy * vy), at - len(weights) + 1
+    point[0] += path[at, 0]
+    point[1] += path[at, 1]
+    point[2] = metric[0] * vx / max(speed, SLOW_M_S)
+    point[3] = metric[0] * vy / max(speed, SLOW_M_S)
+    point[4] = metric[1] * speed
+    for axis in range(2):
+        newest_step = path[at, axis] - path[at - 1, axis]
+        oldest_step = path[oldest, axis] - path[oldest - 1, axis]
+        point[5 + axis] = metric[2] * rate * (newest_step - oldest_step)
+    return speed
+
+
+@njit(cache=True)
+def _draw(
+    key, drawn, point, speed, minute, exclude, kernel, metric, index, origin, cell, starts, count, map_points,
+    map_minute, bins, upto,
+):  # fmt: skip
+    """A snippet for a particle, -1 if there is none around, and the number of random numbers used so far."""
+    heading = np.arctan2(point[3], point[2]) * HEADINGS / (2 * np.pi)
+    ci, cj = int(np.floor(point[0] / cell)) - origin[0], int(np.floor(point[1] / cell)) - origin[1]
+    total, number = 0.0, 0
+    for ring in RINGS:
+        for i in range(max(ci - ring, 0), min(ci + ring + 1, index.shape[0])):
+            for j in range(max(cj - ring, 0), min(cj + ring + 1, index.shape[1])):
+                for h in range(HEADINGS + 1):
+                    b = index[i, j, h]
+                    turn = abs((h - heading + HEADINGS / 2) % HEADINGS - HEADINGS / 2)
+                    if b >= 0 and (h == HEADINGS or speed < SLOW_M_S or turn <= NEIGHBOURING):
+                        total += count[b]
+                        bins[number], upto[number] = b, total
+                        number += 1
+        if number:
+            break
+    best, nearest = -1, np.inf
+    if not number:
+        return best, drawn
+    for _ in range(MOST_TRIES):
+        b = bins[np.searchsorted(upto[:number], uniform(key, drawn) * total, side="right")]
+        row = starts[b] + int(uniform(key, drawn + 1) * (starts[b + 1] - starts[b]))
+        accept = uniform(key, drawn + 2)
+        drawn += 3
+        if exclude > 0.0 and abs(map_minute[row] - minute) <= exclude:
+            continue
+        d2 = 0.0
+        for part in range(len(point)):
+            d2 += (point[part] - map_points[row, part]) ** 2
+        if accept < np.exp(-0.5 * d2 / kernel**2):
+            return row, drawn
+        if d2 < nearest:
+            best, nearest = row, d2
+    return best, drawn

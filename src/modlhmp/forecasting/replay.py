@@ -1,0 +1,119 @@
+"""Forecasting with an episode map: replay what the most similar persons did next, from here and at the walker's pace.
+
+At every second only those count who are still under way then, so ways out need no model of their own: whoever has left
+is not asked. The result is the geometric median of the nearest of them.
+"""
+
+import numpy as np
+from numba import njit
+
+from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.cvm import constant_velocity
+from modlhmp.forecasting.median import geometric_median
+from modlhmp.forecasting.observe import observed_steps, polar
+from modlhmp.maps.pieces import features, vector_mean
+from modlhmp.tracks import clock_time
+
+PACED_M_S = 0.2  # a person slower than this has no pace to follow
+PACE_LIMITS = (0.5, 2.0)
+PIECES_A_PERSON = 8  # looked up for each replayed person: several of a person's rows are alike
+
+
+def replay(mod, observed, steps, step_s, k, pace, reach_m, exclude_s=0.0):
+    """Forecast with an `EpisodeMap`; returns a `Forecast`, its first future the median, then `k` replays.
+
+    Persons who are more than `reach_m` (in the map's metric) unlike the walker are not followed; whoever has nobody to
+    follow walks on at constant velocity and counts as not alive from the start. `pace` = 1 replays at the walker's own
+    speed, 0 at the other's. Pieces within `exclude_s` of the walker's t0 are left out ("no contemporaries").
+    """
+    here = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
+    velocities = observed_steps(observed)
+    points, speed = features(here, velocities, mod.weights, mod.metric, clock_time(observed.t[:, -1], mod.timezone))
+    rows, distance = mod.nearest(points, PIECES_A_PERSON * k)
+    straight = constant_velocity(observed, polar(vector_mean(velocities, mod.weights)), steps, step_s)
+    usable = distance <= reach_m
+    if exclude_s:
+        usable &= np.abs(mod.t[rows] - observed.t[:, -1:]) > exclude_s
+    xy = np.repeat(straight.xy, 1 + k, axis=1)
+    alive = np.zeros((len(here), 1 + k), np.int32)
+    _replay(rows, usable, mod.person, mod.last, mod.xy, mod.speed, here, speed, pace, xy, alive)
+    return Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median")
+
+
+@njit(cache=True)
+def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, xy, alive):
+    """Fill `xy` [n, 1 + k, T, 2] and `alive` [n, 1 + k] of the walkers who have somebody to follow."""
+    n, k, steps = len(rows), xy.shape[1] - 1, xy.shape[2]
+    followed, factor = np.empty(rows.shape[1], np.int64), np.empty(rows.shape[1])
+    points = np.empty((max(k, 1), 2))
+    for i in range(n):
+        number = 0
+        for j in range(rows.shape[1]):  # the nearest piece of every person
+            row, new = rows[i, j], usable[i, j]
+            for other in followed[:number]:
+                new = new and person[other] != person[row]
+            if new:
+                followed[number], factor[number] = row, paced(speed[i], path_speed[row], pace)
+                number += 1
+        if not number:
+            continue
+        for j in range(k):
+            row, rate = followed[j % number], factor[j % number]
+            for step in range(steps):
+                if not _at(path, row, last[row], (step + 1) * rate, here[i], points[0]):
+                    hold(xy[i, 1 + j], step, here[i])
+                    break
+                xy[i, 1 + j, step] = points[0]
+                alive[i, 1 + j] = step + 1
+        for step in range(steps):
+            count = 0
+            for j in range(number):
+                row = followed[j]
+                if _at(path, row, last[row], (step + 1) * factor[j], here[i], points[count]):
+                    count += 1
+                    if count == k:
+                        break
+            if not count:
+                hold(xy[i, 0], step, here[i])
+                break
+            xy[i, 0, step] = geometric_median(points, count)
+            alive[i, 0] = step + 1
+
+
+@njit(cache=True)
+def _at(path, row, last, rows_on, here, point):
+    """Where somebody was `rows_on` rows after `row`, moved to start from `here`; False if they had left by then."""
+    whole = int(rows_on)
+    part = rows_on - whole
+    at = row + whole
+    if at > last or (at == last and part > 0.0):
+        return False
+    for axis in range(2):
+        point[axis] = here[axis] + between(path, row + rows_on, axis) - path[row, axis]
+    return True
+
+
+@njit(cache=True)
+def between(path, row, axis):
+    """Linear interpolation between the rows of a path [m, 2] at a row number with a fraction."""
+    whole = int(row)
+    part = row - whole
+    if part == 0.0:
+        return path[whole, axis]
+    return (1.0 - part) * path[whole, axis] + part * path[whole + 1, axis]
+
+
+@njit(cache=True)
+def hold(path, step, here):
+    """From `step` on, stay where the path [T, 2] was before it."""
+    for later in range(step, len(path)):
+        for axis in range(2):
+            path[later, axis] = path[step - 1, axis] if step else here[axis]
+
+
+@njit(cache=True)
+def paced(own, other, exponent):
+    """How many of the other's seconds pass in one of the walker's."""
+    if own <= PACED_M_S or other <= PACED_M_S:
+        return 1.0
+    return min(max((own / other) ** exponent, PACE_LIMITS[0]), PACE_LIMITS[1])

@@ -1,0 +1,71 @@
+"""Episode map: pieces of training tracks, found by place, heading and speed.
+
+It answers: who stood about here and walked about like this, and what did they do next? The forecast follows the answers
+(`forecasting.replay`). The map stores real tracks, so share it as you would share the recording. Not in the paper.
+"""
+
+import numpy as np
+import pyarrow as pa
+from scipy.spatial import cKDTree
+
+from modlhmp.maps.pieces import differences, features, resample
+from modlhmp.storage import DataError, read_parquet
+from modlhmp.tracks import clock_time
+
+COLUMNS = ("person", "t", "x", "y")
+
+
+def build(tracks, step_s=1.0):
+    """Build an episode map; returns a `pyarrow.Table`, one row a person and time step, sorted by both."""
+    pieces = resample(tracks, step_s)
+    return pa.table(
+        {
+            "person": pieces.person.astype(np.int32),
+            "t": pieces.t,
+            **{name: part.astype(np.float32) for name, part in zip(("x", "y"), pieces.xy.T, strict=True)},
+        }
+    )
+
+
+class EpisodeMap:
+    """An episode map ready to be asked who walked like a walker.
+
+    `xy` [m, 2] float64, `t` [m], `person` [m], `last` [m] and `speed` [m] are of all rows, `rows` those that can be
+    found: with as many rows before them as a walker is observed for, and at least one after them, of a share `persons`
+    of the people.
+    """
+
+    def __init__(self, table, metric, weights, past, step_s=1.0, timezone="UTC", persons=1.0):
+        self.metric, self.weights, self.past, self.timezone = metric, weights, past, timezone
+        person, self.t = (table[name].to_numpy() for name in ("person", "t"))
+        self.xy = np.column_stack([table[name].to_numpy().astype(float) for name in ("x", "y")])
+        first = np.flatnonzero(np.diff(person, prepend=-1))
+        count = np.diff(np.append(first, len(person)))
+        self.person = person.astype(np.int64)
+        self.last = np.repeat(first + count - 1, count)
+        row = np.arange(len(person))
+        asked = np.random.default_rng(0).random(len(first)) < persons
+        self.rows = np.flatnonzero(
+            (row - np.repeat(first, count) >= past) & (row < self.last) & np.repeat(asked, count)
+        )
+        self.speed = np.zeros(len(person))
+        steps = differences(self.xy, past, step_s)[self.rows]
+        points, self.speed[self.rows] = features(
+            self.xy[self.rows], steps, weights, metric, clock_time(self.t[self.rows], timezone)
+        )
+        self.tree = cKDTree(points)
+
+    @classmethod
+    def load(cls, path, *arguments):
+        """Read the Parquet form; `DataError` where it is not one."""
+        table = read_parquet(path)
+        missing = set(COLUMNS) - set(table.column_names)
+        if missing:
+            raise DataError(f"{path}: not an episode map, no column {', '.join(sorted(missing))}")
+        return cls(table, *arguments)
+
+    def nearest(self, points, number):
+        """Rows [n, N] most like the `points` [n, 8], nearest first, and how far they are [n, N] in m; N <= `number`."""
+        number = min(number, len(self.rows))
+        distance, found = self.tree.query(points, np.arange(1, number + 1))
+        return self.rows[found], distance

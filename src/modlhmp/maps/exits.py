@@ -1,0 +1,72 @@
+"""Ways out: how likely a person leaves within a time step, by place and heading.
+
+Any map of dynamics can be given them (`WithExits`): a particle that leaves is no longer there, instead of walking on
+through a door that the map knows nothing about. Not in the paper.
+"""
+
+import numpy as np
+import pyarrow as pa
+
+from modlhmp.maps.base import check_lattice
+from modlhmp.maps.pieces import differences, heading_bin, resample
+from modlhmp.storage import DataError, read_parquet
+
+PRIOR_ROWS = 10.0  # a bin with fewer rows leans on the rate of the whole map
+COLUMNS = ("i", "j", "bin", "left", "rows")
+
+
+def build(tracks, step_s=1.0, cell_m=1.0):
+    """Count rows and last rows of tracks by cell and heading bin (`pieces.heading_bin`); returns a `pyarrow.Table`."""
+    pieces = resample(tracks, step_s)
+    row = np.flatnonzero(pieces.age >= 1)
+    where = np.column_stack(
+        [np.floor(pieces.xy[row] / cell_m).astype(np.int64), heading_bin(differences(pieces.xy, 1, step_s)[row, 0])]
+    )
+    bins, which = np.unique(where, axis=0, return_inverse=True)
+    ends = (row == pieces.last[row]).astype(float)
+    counts = {
+        "left": np.bincount(which.ravel(), ends, len(bins)).astype(np.int32),
+        "rows": np.bincount(which.ravel(), minlength=len(bins)).astype(np.int32),
+    }
+    table = pa.table({**dict(zip(COLUMNS, bins.astype(np.int32).T, strict=False)), **counts})
+    return table.replace_schema_metadata({"cell": str(cell_m), "step": str(step_s)})
+
+
+class WithExits:
+    """A MoD (contract: `maps.base`) whose particles may also leave: they then find no dynamics."""
+
+    def __init__(self, mod, table):
+        self.mod, self.draws = mod, mod.draws + 1
+        self.cell = float(table.schema.metadata[b"cell"])
+        cells, bins = np.column_stack([table["i"].to_numpy(), table["j"].to_numpy()]), table["bin"].to_numpy()
+        left, rows = (table[name].to_numpy().astype(float) for name in ("left", "rows"))
+        rate = left.sum() / max(rows.sum(), 1.0)
+        self.origin = cells.min(axis=0) if len(cells) else np.zeros(2, np.int64)
+        size = cells.max(axis=0) - self.origin + 1 if len(cells) else np.ones(2, np.int64)
+        check_lattice(len(cells), size)
+        self.probability = np.full((*size, int(bins.max(initial=0)) + 1), rate)
+        self.probability[(*(cells - self.origin).T, bins)] = (left + PRIOR_ROWS * rate) / (rows + PRIOR_ROWS)
+        self.elsewhere = rate
+
+    @classmethod
+    def load(cls, mod, path):
+        """Read the Parquet form of the ways out; `DataError` where it is not one."""
+        table = read_parquet(path)
+        missing = set(COLUMNS) - set(table.column_names)
+        if missing:
+            raise DataError(f"{path}: not a map of ways out, no column {', '.join(sorted(missing))}")
+        return cls(mod, table)
+
+    def sample(self, x, y, speed, heading, t, uniforms):
+        """See `maps.base`; the last uniform decides whether the particle leaves."""
+        *sampled, found = self.mod.sample(x, y, speed, heading, t, uniforms[:, :-1])
+        return *sampled, found & (uniforms[:, -1] >= self.leaving(x, y, speed, heading))
+
+    def leaving(self, x, y, speed, heading):
+        """Probability [n] to leave within a time step."""
+        cell = np.floor(np.column_stack([x, y]) / self.cell).astype(np.int64) - self.origin
+        bins = heading_bin(np.column_stack([speed * np.cos(heading), speed * np.sin(heading)]))
+        size = np.array(self.probability.shape)
+        inside = ((cell >= 0) & (cell < size[:2])).all(axis=1) & (bins < size[2])
+        at = np.where(inside[:, None], cell, 0)
+        return np.where(inside, self.probability[at[:, 0], at[:, 1], np.where(inside, bins, 0)], self.elsewhere)

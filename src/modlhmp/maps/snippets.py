@@ -1,0 +1,102 @@
+"""Snippet flow map: in every cell and heading bin, some displacements of a few seconds that people really made there.
+
+CLiFF's memory is one velocity; a snippet keeps a few seconds of a real walk: its speed, its turns, its stops, or that
+it ended in a way out. A forecast strings snippets together (`forecasting.chain`). A bin holds so many at most, drawn at
+random, and how many they stand for: fewer make a compact map. Not in the paper.
+"""
+
+import numpy as np
+import pyarrow as pa
+
+from modlhmp.maps.base import check_lattice
+from modlhmp.maps.pieces import HEADINGS, differences, features, heading_bin, resample
+from modlhmp.storage import DataError, read_parquet
+from modlhmp.tracks import clock_time
+
+COLUMNS = ("i", "j", "bin", "x", "y", "minute", "stands_for", "steps", "path")
+
+
+def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0):
+    """Build a snippet flow map; returns a `pyarrow.Table`, one row a snippet, sorted by cell and bin.
+
+    `path` holds positions relative to the start: the `past` steps before it, oldest first, then up to `length_s`, held
+    where the person left. `steps` says how many were walked: fewer than the length if the person left meanwhile. A bin
+    keeps at most `most` snippets, of which each stands for `stands_for`.
+    """
+    pieces, length = resample(tracks, step_s), round(length_s / step_s)
+    row = np.flatnonzero((pieces.age >= past) & (pieces.last > np.arange(len(pieces.person))))
+    velocity = differences(pieces.xy, 1, step_s)[row, 0]
+    where = np.column_stack([np.floor(pieces.xy[row] / cell_m).astype(np.int64), heading_bin(velocity)])
+    order = np.lexsort((np.random.default_rng(seed).random(len(row)), *where.T[::-1]))
+    row, where = row[order], where[order]
+    new = np.ones(len(row), bool)
+    new[1:] = (where[1:] != where[:-1]).any(axis=1)
+    first = np.flatnonzero(new)
+    count = np.diff(np.append(first, len(row)))
+    rank = np.arange(len(row)) - np.repeat(first, count)
+    kept = rank < most
+    stands_for = np.repeat(count / np.minimum(count, most), count)[kept]
+    row, where = row[kept], where[kept]
+    steps = np.minimum(pieces.last[row] - row, length)
+    ahead = np.minimum(np.arange(-past, length + 1), steps[:, None])
+    path = pieces.xy[row[:, None] + ahead] - pieces.xy[row][:, None]
+    return pa.table(
+        {
+            **dict(zip(("i", "j", "bin"), where.T.astype(np.int32), strict=True)),
+            **{name: part.astype(np.float32) for name, part in zip(("x", "y"), pieces.xy[row].T, strict=True)},
+            "minute": (pieces.t[row] // 60).astype(np.int32),
+            "stands_for": stands_for.astype(np.float32),
+            "steps": steps.astype(np.int16),
+            "path": pa.FixedSizeListArray.from_arrays(path.astype(np.float32).ravel(), 2 * path.shape[1]),
+        }
+    ).replace_schema_metadata({"cell": str(cell_m), "past": str(past), "step": str(step_s)})
+
+
+class SnippetMap:
+    """A snippet flow map ready to be chained.
+
+    Per snippet, sorted by bin: `points` [m, 8] in the metric, `speed` [m] in m/s, `steps` [m] walked and whether the
+    person `leaves` [m] then, `path` [m, past + 1 + L, 2] with the start as its row `past`, `minute` [m] of the start.
+    Per bin b: snippets `starts[b]` to `starts[b + 1]`, which stand for `count[b]`. `index` [cells in x, cells in y,
+    HEADINGS + 1] is a cell's bins, -1 where empty; `origin` is its first cell.
+    """
+
+    def __init__(self, table, metric, weights, length_s=10.0, most=50, timezone="UTC"):
+        meta = table.schema.metadata
+        self.cell, self.past, self.step_s = float(meta[b"cell"]), int(meta[b"past"]), float(meta[b"step"])
+        self.metric, self.weights, self.timezone = metric, weights, timezone
+        where = np.column_stack([table[name].to_numpy() for name in ("i", "j", "bin")]).astype(np.int64)
+        new = np.ones(len(where), bool)
+        new[1:] = (where[1:] != where[:-1]).any(axis=1)
+        first = np.flatnonzero(new)
+        held = np.diff(np.append(first, len(where)))
+        kept = np.flatnonzero(np.arange(len(where)) - np.repeat(first, held) < most)
+        columns = {name: table[name].to_numpy()[kept] for name in ("x", "y", "minute", "steps")}
+        width = table.schema.field("path").type.list_size // 2
+        path = table["path"].combine_chunks().flatten().to_numpy().reshape(-1, width, 2)[kept].astype(float)
+        length = min(round(length_s / self.step_s), width - 1 - self.past)
+        self.path = np.ascontiguousarray(path[:, : self.past + 1 + length])
+        self.steps = np.minimum(columns["steps"], length).astype(np.int64)
+        self.leaves = columns["steps"] < length
+        self.minute = columns["minute"].astype(np.int64)
+        self.count = held * table["stands_for"].to_numpy()[first].astype(float)
+        self.starts = np.append(0, np.cumsum(np.minimum(held, most)))
+        before = np.diff(path[:, : self.past + 1], axis=1)[:, ::-1] / self.step_s
+        xy = np.column_stack([columns["x"], columns["y"]]).astype(float)
+        clock = clock_time(60.0 * self.minute, timezone)
+        self.points, self.speed = features(xy, before, weights, metric, clock)
+        cells = where[first]
+        self.origin = cells[:, :2].min(axis=0) if len(first) else np.zeros(2, np.int64)
+        size = cells[:, :2].max(axis=0) - self.origin + 1 if len(first) else np.ones(2, np.int64)
+        check_lattice(len(first), size)
+        self.index = np.full((*size, HEADINGS + 1), -1, np.int64)
+        self.index[(*(cells[:, :2] - self.origin).T, cells[:, 2])] = np.arange(len(first))
+
+    @classmethod
+    def load(cls, path, *arguments):
+        """Read the Parquet form; `DataError` where it is not one."""
+        table = read_parquet(path)
+        missing = set(COLUMNS) - set(table.column_names)
+        if missing:
+            raise DataError(f"{path}: not a snippet flow map, no column {', '.join(sorted(missing))}")
+        return cls(table, *arguments)
