@@ -12,7 +12,10 @@ from modlhmp.tracks import Tracks
 
 DATASET = {"name": "hall", "observed_rows": 4, "horizon_s": 8.0, "time_step_s": 1.0, "timezone": "UTC",
            "velocity": "columns", "paper_protocol": {"idle_filter": None}}  # fmt: skip
-OPTIONS = {"k": 3, "beta": 1.0, "sampling_radius_m": 1.0, "speed": "constant"}
+OPTIONS = {
+    "k": 3, "beta": 1.0, "sampling_radius_m": 1.0, "speed": "constant", "velocity": "columns", "output": "ranked",
+    "exits": False,
+}  # fmt: skip
 METHOD = {"name": "cliff", "kind": "cliff", "options": OPTIONS}
 
 

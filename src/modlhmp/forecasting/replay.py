@@ -16,11 +16,15 @@ from modlhmp.tracks import clock_time
 
 PACED_M_S = 0.2  # a person slower than this has no pace to follow
 PACE_LIMITS = (0.5, 2.0)
-PIECES_A_PERSON = 8  # looked up for each replayed person: several of a person's rows are alike
+PIECES_A_PERSON = 8  # looked up for each person of the median: several of a person's rows are alike
+SAMPLES_A_PERSON = 4  # replays beside the median: most have left after a minute, and enough are to be left
 
 
 def replay(mod, observed, steps, step_s, k, pace, reach_m, exclude_s=0.0):
-    """Forecast with an `EpisodeMap`; returns a `Forecast`, its first future the median, then `k` replays.
+    """Forecast with an `EpisodeMap`; returns a `Forecast`: the median of `k` persons, then 4 `k` single replays.
+
+    The median at a second is of the `k` nearest persons who are still under way then. The replays are of the nearest
+    persons at t0, in turn again where there are fewer.
 
     Persons who are more than `reach_m` (in the map's metric) unlike the walker are not followed; whoever has nobody to
     follow walks on at constant velocity and counts as not alive from the start. `pace` = 1 replays at the walker's own
@@ -34,18 +38,18 @@ def replay(mod, observed, steps, step_s, k, pace, reach_m, exclude_s=0.0):
     usable = distance <= reach_m
     if exclude_s:
         usable &= np.abs(mod.t[rows] - observed.t[:, -1:]) > exclude_s
-    xy = np.repeat(straight.xy, 1 + k, axis=1)
-    alive = np.zeros((len(here), 1 + k), np.int32)
-    _replay(rows, usable, mod.person, mod.last, mod.xy, mod.speed, here, speed, pace, xy, alive)
+    xy = np.repeat(straight.xy, 1 + SAMPLES_A_PERSON * k, axis=1)
+    alive = np.zeros(xy.shape[:2], np.int32)
+    _replay(rows, usable, mod.person, mod.last, mod.xy, mod.speed, here, speed, pace, k, xy, alive)
     return Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median")
 
 
 @njit(cache=True)
-def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, xy, alive):
-    """Fill `xy` [n, 1 + k, T, 2] and `alive` [n, 1 + k] of the walkers who have somebody to follow."""
-    n, k, steps = len(rows), xy.shape[1] - 1, xy.shape[2]
+def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, xy, alive):
+    """Fill `xy` [n, 1 + samples, T, 2] and `alive` [n, 1 + samples] of the walkers who have somebody to follow."""
+    n, samples, steps = len(rows), xy.shape[1] - 1, xy.shape[2]
     followed, factor = np.empty(rows.shape[1], np.int64), np.empty(rows.shape[1])
-    points = np.empty((max(k, 1), 2))
+    points = np.empty((k, 2))
     for i in range(n):
         number = 0
         for j in range(rows.shape[1]):  # the nearest piece of every person
@@ -57,7 +61,7 @@ def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, xy,
                 number += 1
         if not number:
             continue
-        for j in range(k):
+        for j in range(samples):
             row, rate = followed[j % number], factor[j % number]
             for step in range(steps):
                 if not _at(path, row, last[row], (step + 1) * rate, here[i], points[0]):
