@@ -73,32 +73,46 @@ def _explain(error):
 
 def check_config(config, datasets_folder):
     """Checks that a schema cannot say: names that must exist elsewhere in the configuration."""
-    for name in config["compare"]:
-        if name not in config["methods"]:
-            raise DataError(_unknown("compare", "method", name, config["methods"]))
+    ladder = config["ladder"]
+    named = {
+        "compare": config["compare"],
+        "studies.method": [config["studies"]["method"]],
+        "comparisons": [name for pair in config["comparisons"] for name in pair],
+        "ladder.reference": [ladder["reference"]],
+        "ladder.rows": [method for method, _ in ladder["rows"]],
+        "ladder.beside": [name for *pair, _ in ladder["beside"] for name in pair],
+    }
+    for name in config["methods"]:
         for member in members(config, name):
-            if member not in config["compare"]:
-                raise DataError(
-                    _unknown(f"methods.{name}.options.of", "method of `compare`", member, config["compare"])
-                )
+            if member not in config["methods"]:
+                raise DataError(_unknown(f"methods.{name}.options.of", "method", member, config["methods"]))
             if config["methods"][member]["kind"] not in AVERAGED:
                 raise DataError(
                     f"configuration, methods.{name}.options.of: {member} has no single path to be averaged; "
                     f"kinds that have are {', '.join(AVERAGED)}"
                 )
+    for key, names in named.items():
+        for name in names:
+            if name not in config["methods"]:
+                raise DataError(_unknown(key, "method", name, config["methods"]))
     studied = config["studies"]["method"]
-    if studied not in config["methods"]:
-        raise DataError(_unknown("studies.method", "method", studied, config["methods"]))
     if config["methods"][studied]["kind"] not in SAMPLED:
         raise DataError(f"configuration, studies.method: {studied} has no map to sample, so neither beta nor r_s")
-    for pair in config["comparisons"]:
-        for name in pair:
-            if name not in config["methods"]:
-                raise DataError(_unknown("comparisons", "method", name, config["methods"]))
     known = sorted(file.stem for file in Path(datasets_folder).glob("*.yaml"))
     for name in config["datasets"]:
         if name not in known:
             raise DataError(_unknown("datasets", "dataset", name, known))
+
+
+def methods_run(config):
+    """Names of all methods that a run needs: those compared, those of the ladder, and those that others average."""
+    ladder = config["ladder"]
+    names = [*config["compare"], *(method for method, _ in ladder["rows"])]
+    if ladder["rows"]:
+        names += [ladder["reference"], *(name for *pair, _ in ladder["beside"] for name in pair)]
+    for name in names:  # grows while it is read
+        names += [member for member in members(config, name) if member not in names]
+    return list(dict.fromkeys(names))
 
 
 def members(config, name):

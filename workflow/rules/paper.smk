@@ -96,7 +96,7 @@ rule table_claims:
     params:
         datasets=SETTINGS,
         titles=TITLES,
-        kinds={name: method["kind"] for name, method in METHODS.items()},
+        kinds={name: METHODS[name]["kind"] for name in TITLES},
         horizons=config["tables"]["horizons_s"],
         code=code_of("table_claims"),
     message:
@@ -198,6 +198,7 @@ rule tables:
         rules.table_ttests.output,
         rules.table_claims.output,
         MODEL_TABLES,
+        [] if not RUNGS else expand(rules.table_ladder.output, label=LABELS),
 
 
 rule figures:
@@ -207,6 +208,7 @@ rule figures:
         MAP_FIGURES,
         FORECAST_FIGURES,
         MODEL_FIGURES,
+        rules.figure_ladder.output if RUNGS else [],
         rules.figure_coverage.output,
         rules.figure_runtime.output if measured_runtimes(None) else [],
-        rules.figure_ranking.output if "tc_cliff" in METHODS else [],
+        rules.figure_ranking.output if "tc_cliff" in TITLES else [],

@@ -8,10 +8,10 @@ EXAMPLE_FILES = [
     for dataset in DATASETS
     for file in (
         *(f"tracks/{r['name']}.parquet" for r in recordings(dataset, "test")),
-        *(f"errors/{method}.parquet" for method in METHODS),
+        *(f"errors/{method}.parquet" for method in TITLES),
         *(
             f"forecasts/{method}/{r['name']}.parquet"
-            for method in METHODS
+            for method in TITLES
             for r in recordings(dataset, "test")
         ),
     )
