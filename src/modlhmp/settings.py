@@ -32,6 +32,7 @@ DATASET_DEFAULTS = {
     "difference_weights": [0.48, 0.33, 0.19],
     "tuned": {},
 }
+THINNED = ("cliff", "episodes", "snippets")
 VALIDATION_DAYS = 0.3
 AVERAGED = ("cvm", "episodes", "snippets", *(kind for kind in LEARNED_KINDS if kind != "mid"))
 _READER_NEEDS = {
@@ -77,6 +78,7 @@ def check_config(config, datasets_folder):
     named = {
         "compare": config["compare"],
         "studies.method": [config["studies"]["method"]],
+        "studies.training.methods": config["studies"]["training"]["methods"],
         "comparisons": [name for pair in config["comparisons"] for name in pair],
         "ladder.reference": [ladder["reference"]],
         "ladder.rows": [method for method, _ in ladder["rows"]],
@@ -95,6 +97,9 @@ def check_config(config, datasets_folder):
         for name in names:
             if name not in config["methods"]:
                 raise DataError(_unknown(key, "method", name, config["methods"]))
+    for name in config["studies"]["training"]["methods"]:
+        if config["methods"][name]["kind"] not in THINNED:
+            raise DataError(f"configuration, studies.training: {name} is not of a kind {', '.join(THINNED)}")
     studied = config["studies"]["method"]
     if config["methods"][studied]["kind"] not in SAMPLED:
         raise DataError(f"configuration, studies.method: {studied} has no map to sample, so neither beta nor r_s")
