@@ -61,9 +61,7 @@ def _follower(kind, options, dataset, map_path):
     metric = Metric(*(options[name] for name in Metric._fields))
     weights, past = dataset["difference_weights"], dataset["observed_rows"] - 1
     if kind == "episodes":
-        mod = EpisodeMap.load(
-            map_path, metric, weights, past, dataset["time_step_s"], dataset["timezone"], options["persons"]
-        )
+        mod = EpisodeMap.load(map_path, metric, weights, past, dataset["time_step_s"], dataset["timezone"])
         rest = (options["k"], options["pace"], options["reach_m"], options["exclude_s"])
         return lambda observed, steps, keys: replay(mod, observed, steps, dataset["time_step_s"], *rest)
     mod = SnippetMap.load(map_path, metric, weights, options["length_s"], options["most"], dataset["timezone"])

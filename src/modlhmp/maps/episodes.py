@@ -31,11 +31,10 @@ class EpisodeMap:
     """An episode map ready to be asked who walked like a walker.
 
     `xy` [m, 2] float64, `t` [m], `person` [m], `last` [m] and `speed` [m] are of all rows, `rows` those that can be
-    found: with as many rows before them as a walker is observed for, and at least one after them, of a share `persons`
-    of the people.
+    found: with as many rows before them as a walker is observed for, and at least one after them.
     """
 
-    def __init__(self, table, metric, weights, past, step_s=1.0, timezone="UTC", persons=1.0):
+    def __init__(self, table, metric, weights, past, step_s=1.0, timezone="UTC"):
         self.metric, self.weights, self.past, self.timezone = metric, weights, past, timezone
         person, self.t = (table[name].to_numpy() for name in ("person", "t"))
         self.xy = np.column_stack([table[name].to_numpy().astype(float) for name in ("x", "y")])
@@ -44,10 +43,7 @@ class EpisodeMap:
         self.person = person.astype(np.int64)
         self.last = np.repeat(first + count - 1, count)
         row = np.arange(len(person))
-        asked = np.random.default_rng(0).random(len(first)) < persons
-        self.rows = np.flatnonzero(
-            (row - np.repeat(first, count) >= past) & (row < self.last) & np.repeat(asked, count)
-        )
+        self.rows = np.flatnonzero((row - np.repeat(first, count) >= past) & (row < self.last))
         self.speed = np.zeros(len(person))
         steps = differences(self.xy, past, step_s)[self.rows]
         points, self.speed[self.rows] = features(
