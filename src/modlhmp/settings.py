@@ -126,14 +126,17 @@ def members(config, name):
     return method.get("options", {}).get("of", []) if method["kind"] == "average" else []
 
 
-def method_settings(config, name, tuned=()):
+def method_settings(config, name, tuned=None):
     """All that a method's forecasts depend on: its `kind` and `options`, for a learned one also `learned`.
 
     Options come from the configuration's section for its kind (`rollout` for maps that are sampled, `episodes`,
-    `snippets`, the budget's for networks); the method's own `options` win, and over them those that a dataset file
-    has `tuned` for it. A learned method's may also name another `budget` or kind of `futures`.
+    `snippets`, the budget's for networks), then from what a dataset file has `tuned` for the kind; the method's own
+    `options` win, and over them what is `tuned` for the method itself. A learned method's may also name another
+    `budget` or kind of `futures`.
     """
-    kind, own = config["methods"][name]["kind"], {**config["methods"][name].get("options", {}), **dict(tuned)}
+    tuned = tuned or {}
+    kind = config["methods"][name]["kind"]
+    own = {**tuned.get(kind, {}), **config["methods"][name].get("options", {}), **tuned.get(name, {})}
     if kind in LEARNED_KINDS:
         learned = {key: own.get(key, value) for key, value in config["learned"].items() if key != "threads"}
         sizes = {key: value for key, value in own.items() if key not in learned}
@@ -183,14 +186,15 @@ def validation_part(dataset):
 
 
 def check_tuned(datasets, config, schema):
-    """Options that dataset files have `tuned` must be of methods that exist, and ones that these take."""
+    """Options that dataset files have `tuned` must be of a kind or method that exists, and ones that it takes."""
+    kinds = {method["kind"]: {"kind": method["kind"], "title": ""} for method in config["methods"].values()}
+    known = {**kinds, **config["methods"]}
     for dataset in datasets.values():
         for name, options in dataset["tuned"].items():
             source = f"config/datasets/{dataset['name']}.yaml, tuned"
-            if name not in config["methods"]:
-                raise DataError(_unknown(source, "method", name, config["methods"]))
-            method = config["methods"][name]
-            merged = {**method, "options": {**method.get("options", {}), **options}}
+            if name not in known:
+                raise DataError(_unknown(source, "kind or method", name, known))
+            merged = {**known[name], "options": {**known[name].get("options", {}), **options}}
             check({**config, "methods": {**config["methods"], name: merged}}, schema, source)
 
 

@@ -166,7 +166,7 @@ def track_files(split):
 
 def method_of(dataset, name):
     """A method's settings, with what has been tuned for a dataset."""
-    return method_settings(config, name, DATASETS[dataset]["tuned"].get(name, ()))
+    return method_settings(config, name, DATASETS[dataset]["tuned"])
 
 
 def method_map(wildcards):
