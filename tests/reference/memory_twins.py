@@ -39,6 +39,11 @@ def velocities(places, step_s):
     return [((b[0] - a[0]) / step_s, (b[1] - a[1]) / step_s) for a, b in pairwise(places)][::-1]
 
 
+def seen_velocities(seen):
+    """Velocities between rows (t, x, y) by their own clock, the newest first."""
+    return [((b[1] - a[1]) / (b[0] - a[0]), (b[2] - a[2]) / (b[0] - a[0])) for a, b in pairwise(seen)][::-1]
+
+
 def mean_velocity(steps, weights):
     """The sum of w v over the sum of w, over as many of the newest velocities as there are weights."""
     both = list(zip(steps, weights, strict=False))
@@ -79,8 +84,7 @@ def replay(people, seen, steps, step_s, k, weights, metric, hours, pace=1.0, rea
     alike counts.
     """
     past, (t0, *here) = len(seen) - 1, seen[-1]
-    places = [row[1:] for row in seen]
-    walker, speed = point(here, velocities(places, step_s), weights, metric, hours(t0))
+    walker, speed = point(here, seen_velocities(seen), weights, metric, hours(t0))
     pieces = []
     for person, walk in enumerate(people):
         for row in range(past, len(walk) - 1):
@@ -187,8 +191,7 @@ class PlainSnippets:
         def number():
             return uniforms(np.array([key]), next(drawn), 1)[0, 0]
 
-        (t0, *here), places = seen[-1], [row[1:] for row in seen]
-        steps_before = velocities(places, self.step_s)
+        (t0, *here), steps_before = seen[-1], seen_velocities(seen)
         path, began = [], 0.0
         while len(path) < steps:
             at, speed = point(here, steps_before, self.weights, self.metric, self.hours(t0))
