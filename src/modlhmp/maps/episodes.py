@@ -67,5 +67,7 @@ class EpisodeMap:
     def nearest(self, points, number):
         """Rows [n, N] most like the `points` [n, 8], nearest first, and how far they are [n, N] in m; N <= `number`."""
         number = min(number, len(self.rows))
+        if not number:  # the tree cannot be asked for none
+            return np.empty((len(points), 0), np.int64), np.empty((len(points), 0))
         distance, found = self.tree.query(points, np.arange(1, number + 1))
         return self.rows[found], distance
