@@ -139,7 +139,7 @@ class PlainSnippets:
             before = velocities(path[: self.past + 1], self.step_s)
             place = row["x"], row["y"]
             at, speed = point(place, before, weights, metric, hours(60.0 * row["minute"]))
-            one = {**row, "path": path, "steps": steps, "point": at, "speed": speed}
+            one = {**row, "path": path, "stored": row["steps"], "steps": steps, "point": at, "speed": speed}
             self.bins.setdefault((row["i"], row["j"], row["bin"]), []).append(one)
 
     def around(self, place, velocity):
@@ -184,8 +184,11 @@ class PlainSnippets:
                 best, nearest = row, distance
         return best
 
-    def particle(self, seen, key, steps, kernel_m, leaves, pace=1.0, exits=True, exclude_s=0.0):
-        """[(x, y) or None] * T of one particle of a walker seen at rows (t, x, y); `leaves(row)`: the person does."""
+    def particle(self, seen, key, steps, leaves, kernel_m=1.5, pace=1.0, exits=True, exclude_s=0.0):
+        """[(x, y) or None] * T of one particle of a walker seen at rows (t, x, y).
+
+        `leaves(row)`: whether a snippet ends because its person left.
+        """
         drawn = iter(range(10**6))
 
         def number():
