@@ -23,7 +23,7 @@ def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0
     where the person left. `steps` says how many were walked: fewer than the length if the person left meanwhile. A bin
     keeps at most `most` snippets, of which each stands for `stands_for`.
     """
-    pieces, length = resample(tracks, step_s), round(length_s / step_s)
+    pieces, length = resample(tracks, step_s), max(round(length_s / step_s), 1)
     row = np.flatnonzero((pieces.age >= past) & (pieces.last > np.arange(len(pieces.person))))
     velocity = differences(pieces.xy, 1, step_s)[row, 0]
     where = np.column_stack([np.floor(pieces.xy[row] / cell_m).astype(np.int64), heading_bin(velocity)])
@@ -74,7 +74,7 @@ class SnippetMap:
         columns = {name: table[name].to_numpy()[kept] for name in ("x", "y", "minute", "steps")}
         width = table.schema.field("path").type.list_size // 2
         path = table["path"].combine_chunks().flatten().to_numpy().reshape(-1, width, 2)[kept].astype(float)
-        length = min(round(length_s / self.step_s), width - 1 - self.past)
+        length = min(max(round(length_s / self.step_s), 1), width - 1 - self.past)
         self.path = np.ascontiguousarray(path[:, : self.past + 1 + length])
         self.steps = np.minimum(columns["steps"], length).astype(np.int64)
         self.leaves = columns["steps"] < length
