@@ -206,6 +206,7 @@ def test_the_numbers_of_a_kernel_are_those_of_arrays(draws):
         {"length_s": 1.0},
         {"length_s": 10.0, "exits": False},
         {"metric": Metric(3.0, 1.0, 4.0, 600.0)},
+        {"metric": Metric(0.0, 8.0, 2.0, 0.0)},
         {"weights": [1.0]},
         {"weights": [0.4, 0.3, 0.2, 0.1]},
         {"cell_m": 2.5},
