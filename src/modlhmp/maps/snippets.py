@@ -20,8 +20,8 @@ def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0
     """Build a snippet flow map; returns a `pyarrow.Table`, one row a snippet, sorted by cell and bin.
 
     `path` holds positions relative to the start: the `past` steps before it, oldest first, then up to `length_s`, held
-    where the person left. `steps` says how many were walked: fewer than the length if the person left meanwhile. A bin
-    keeps at most `most` snippets, of which each stands for `stands_for`.
+    where the person left. `steps` says how many were walked, up to one more than the length: whoever walked no more
+    than the length has left by then. A bin keeps at most `most` snippets, of which each stands for `stands_for`.
     """
     pieces, length = resample(tracks, step_s), max(round(length_s / step_s), 1)
     row = np.flatnonzero((pieces.age >= past) & (pieces.last > np.arange(len(pieces.person))))
@@ -37,7 +37,7 @@ def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0
     kept = rank < most
     stands_for = np.repeat(count / np.minimum(count, most), count)[kept]
     row, where = row[kept], where[kept]
-    steps = np.minimum(pieces.last[row] - row, length)
+    steps = np.minimum(pieces.last[row] - row, length + 1)
     ahead = np.minimum(np.arange(-past, length + 1), steps[:, None])
     path = pieces.xy[row[:, None] + ahead] - pieces.xy[row][:, None]
     return pa.table(
@@ -77,7 +77,7 @@ class SnippetMap:
         length = min(max(round(length_s / self.step_s), 1), width - 1 - self.past)
         self.path = np.ascontiguousarray(path[:, : self.past + 1 + length])
         self.steps = np.minimum(columns["steps"], length).astype(np.int64)
-        self.leaves = columns["steps"] < length
+        self.leaves = columns["steps"] <= length
         self.minute = columns["minute"].astype(np.int64)
         self.count = held * table["stands_for"].to_numpy()[first].astype(float)
         self.starts = np.append(0, np.cumsum(np.minimum(held, most)))
