@@ -8,9 +8,8 @@ random, and how many they stand for: fewer make a compact map. Not in the paper.
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.maps.base import check_lattice
+from modlhmp.maps.base import check_lattice, read_map
 from modlhmp.maps.pieces import HEADINGS, differences, features, heading_bin, resample
-from modlhmp.storage import DataError, read_parquet
 from modlhmp.tracks import clock_time
 
 COLUMNS = ("i", "j", "bin", "x", "y", "minute", "stands_for", "steps", "path")
@@ -95,8 +94,4 @@ class SnippetMap:
     @classmethod
     def load(cls, path, *arguments):
         """Read the Parquet form; `DataError` where it is not one."""
-        table = read_parquet(path)
-        missing = set(COLUMNS) - set(table.column_names)
-        if missing:
-            raise DataError(f"{path}: not a snippet flow map, no column {', '.join(sorted(missing))}")
-        return cls(table, *arguments)
+        return cls(read_map(path, "a snippet flow map", COLUMNS, ("cell", "past", "step")), *arguments)
