@@ -412,6 +412,17 @@ def test_contemporaries_can_be_left_out():
     assert not chain(mod, one, STEPS, keys_of(one, 9), 1.0, exclude_s=86400.0).steps_alive.any()
 
 
+def test_whoever_is_left_out_as_a_contemporary_is_known_to_the_minute():
+    """All within 600 s of t0, before and after, and nobody more than a minute beyond."""
+    one = walker((0.5, 0.5), (1, 0))
+    t0 = one.t[0, -1]
+    for seconds in (-670, -660.5, *np.arange(-600, 600.5, 12.5), 660.5, 670):
+        table = table_of(one_bin([(0.5, 0.5)], minute=int((t0 + seconds) // 60)))
+        mod = SnippetMap(table, METRIC, WEIGHTS, 1.0, EVERY)
+        got = chain(mod, one, 1, keys_of(one, 1), 1.5, exclude_s=600.0)
+        assert got.steps_alive.any() == (abs(seconds) > 600), seconds
+
+
 # --- nobody to follow ---------------------------------------------------------------------------------------
 
 
