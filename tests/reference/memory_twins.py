@@ -175,7 +175,8 @@ class PlainSnippets:
             rows = self.bins[bins[bisect_right(upto, number() * total)]]
             row = rows[int(number() * len(rows))]
             accept = number()
-            if exclude_s and abs(row["minute"] - minute) * 60.0 <= exclude_s:
+            earliest, latest = 60.0 * (row["minute"] - minute), 60.0 * (row["minute"] + 1 - minute)  # than t0, in s
+            if exclude_s and earliest <= exclude_s and latest > -exclude_s:
                 continue
             distance = math.dist(at, row["point"])
             if accept < math.exp(-(distance**2) / (2 * kernel_m**2)):

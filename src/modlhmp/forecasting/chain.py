@@ -27,8 +27,8 @@ def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=
 
     A snippet is drawn with probability proportional to exp(-d^2 / (2 `kernel_m`^2)), d being how unlike it and the
     particle are. Without `exits` a particle whose snippet ends in one draws another. Snippets within `exclude_s` of the
-    walker's t0 are left out ("no contemporaries"). A walker near whom nobody walked this way goes on at constant
-    velocity and counts as not alive from the start.
+    walker's t0 are left out ("no contemporaries"; others up to a minute beyond, since a map knows full minutes only).
+    A walker near whom nobody walked this way goes on at constant velocity and counts as not alive from the start.
     """
     here = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
     velocities, t0 = observed_steps(observed), observed.t[:, -1]
@@ -138,7 +138,7 @@ def _draw(
         row = starts[b] + int(uniform(key, drawn + 1) * (starts[b + 1] - starts[b]))
         accept = uniform(key, drawn + 2)
         drawn += 3
-        if exclude > 0.0 and abs(map_minute[row] - minute) <= exclude:
+        if exclude > 0.0 and -exclude - 1.0 < map_minute[row] - minute <= exclude:
             continue
         d2 = 0.0
         for part in range(len(point)):
