@@ -139,6 +139,9 @@ def write_forecasts(path, forecasts, **provenance):
                     metadata = provenance_metadata(**provenance, **shape)
                     writer = pq.ParquetWriter(temporary, table.schema.with_metadata(metadata), compression="zstd")
                 writer.write_table(table, row_group_size=max(len(track_ids), 1))
+            if writer is None:  # the average of files without a row
+                shape = provenance_metadata(**provenance, output="single", k=1, steps=0)
+                pq.write_table(pa.table({"track_id": pa.array([], pa.int64())}, metadata=shape), temporary)
         finally:
             if writer is not None:
                 writer.close()

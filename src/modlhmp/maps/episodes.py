@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 from scipy.spatial import cKDTree
 
+from modlhmp.maps.base import read_map
 from modlhmp.maps.pieces import differences, features, resample
-from modlhmp.storage import DataError, read_parquet
 from modlhmp.tracks import clock_time
 
 COLUMNS = ("person", "t", "x", "y")
@@ -54,14 +54,12 @@ class EpisodeMap:
     @classmethod
     def load(cls, path, *arguments):
         """Read the Parquet form; `DataError` where it is not one."""
-        table = read_parquet(path)
-        missing = set(COLUMNS) - set(table.column_names)
-        if missing:
-            raise DataError(f"{path}: not an episode map, no column {', '.join(sorted(missing))}")
-        return cls(table, *arguments)
+        return cls(read_map(path, "an episode map", COLUMNS), *arguments)
 
     def nearest(self, points, number):
         """Rows [n, N] most like the `points` [n, 8], nearest first, and how far they are [n, N] in m; N <= `number`."""
         number = min(number, len(self.rows))
+        if not number:  # the tree cannot be asked for none
+            return np.empty((len(points), 0), np.int64), np.empty((len(points), 0))
         distance, found = self.tree.query(points, np.arange(1, number + 1))
         return self.rows[found], distance
