@@ -188,7 +188,8 @@ def validation_part(dataset):
 def check_tuned(datasets, config, schema):
     """Options that dataset files have `tuned` must be of a kind or method that exists, and ones that it takes."""
     kinds = {method["kind"]: {"kind": method["kind"], "title": ""} for method in config["methods"].values()}
-    known = {**kinds, **config["methods"]}
+    tunable = {**kinds, **config["methods"]}
+    known = {name: method for name, method in tunable.items() if method["kind"] != "average"}
     for dataset in datasets.values():
         for name, options in dataset["tuned"].items():
             source = f"config/datasets/{dataset['name']}.yaml, tuned"

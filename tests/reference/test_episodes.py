@@ -23,8 +23,8 @@ PAST = 3
 STEPS = 12
 
 
-def map_of(tracks, step_s=1.0, metric=METRIC, weights=WEIGHTS, persons=1.0):
-    return EpisodeMap(episodes.build(tracks, step_s), metric, weights, PAST, step_s, "UTC", persons)
+def map_of(tracks, step_s=1.0, metric=METRIC, weights=WEIGHTS):
+    return EpisodeMap(episodes.build(tracks, step_s), metric, weights, PAST, step_s, "UTC")
 
 
 def walker(start, velocity, track_id=900, began=0.0, step_s=1.0):
@@ -112,18 +112,6 @@ def test_fewer_than_asked_for_are_found_where_there_are_fewer():
     mod = map_of(crowds.straight(1, (0, 0), (1, 0), 7))
     rows, distance = mod.nearest(np.zeros((4, 8)), 200)
     assert rows.shape == distance.shape == (4, 3)
-
-
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
-def test_a_share_of_the_persons_is_asked(share):
-    """With all of their pieces or none; a larger share asks the same persons and more."""
-    tracks = concatenate(crowds.straight(n, (0, n), (1, 0), 8) for n in range(400))
-    mod = map_of(tracks, persons=share)
-    asked, pieces = np.unique(mod.person[mod.rows], return_counts=True)
-    assert set(pieces) == {4}
-    assert abs(len(asked) / 400 - share) < 0.08
-    more = map_of(tracks, persons=min(share + 0.1, 1.0))
-    assert set(asked) < set(more.person[more.rows])
 
 
 # --- replay against its twin --------------------------------------------------------------------------------
@@ -310,11 +298,6 @@ def test_an_empty_map_leaves_constant_velocity(tracks, exclude_s):
     assert_constant_velocity(got, walkers())
 
 
-def test_a_share_so_small_that_nobody_is_asked_leaves_constant_velocity():
-    got = replay(map_of(training(), persons=1e-9), walkers(), STEPS, 1.0, 5, 1.0, 10.0)
-    assert_constant_velocity(got, walkers())
-
-
 def test_one_person_can_be_followed():
     mod = map_of(corner(4))
     got = replay(mod, walker((5, 0), (1, 0)), 12, 1.0, 25, 1.0, 10.0)
@@ -382,7 +365,7 @@ def test_moving_and_turning_map_and_walkers_moves_the_forecast(shift, angle):
 def test_the_forecaster_of_a_file_takes_the_methods_options(tmp_path):
     write_parquet(episodes.build(training()), tmp_path / "episodes.parquet")
     dataset = {"difference_weights": WEIGHTS, "observed_rows": 4, "time_step_s": 1.0, "timezone": "UTC"}
-    options = {"k": 4, "pace": 0.5, "reach_m": 6.0, "exclude_s": 5.0, "persons": 0.8, **METRIC._asdict()}
+    options = {"k": 4, "pace": 0.5, "reach_m": 6.0, "exclude_s": 5.0, **METRIC._asdict()}
     forecaster = make_forecaster("episodes", options, dataset, tmp_path / "episodes.parquet")
     got = forecaster(walkers(), STEPS, stream_keys(walkers().track_id, 4, 0))
-    assert_same(got, replay(map_of(training(), persons=0.8), walkers(), STEPS, 1.0, 4, 0.5, 6.0, 5.0))
+    assert_same(got, replay(map_of(training()), walkers(), STEPS, 1.0, 4, 0.5, 6.0, 5.0))

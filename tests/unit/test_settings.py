@@ -11,7 +11,9 @@ import yaml
 from modlhmp.cleaning import RULES
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import find_recording, open_raw
-from modlhmp.settings import check, check_config, check_tuned, load_dataset, members, method_settings, validation_part
+from modlhmp.settings import (
+    check, check_config, check_tuned, load_dataset, members, method_settings, methods_run, validation_part,
+)  # fmt: skip
 from modlhmp.storage import DataError
 
 ROWS = "0,1,0,0\n1,1,1,0\n2,1,2,0\n"
@@ -231,6 +233,7 @@ def averaging(config, *names, compare=True):
     """The configuration with a method `mean` of these; all are compared."""
     config["methods"]["mean"] = {"kind": "average", "title": "Mean", "options": {"of": list(names)}}
     config["compare"] = ["mean", *(dict.fromkeys(name for name in names if compare and name in config["methods"]))]
+    config["ladder"]["rows"] = []
     return config
 
 
@@ -265,12 +268,11 @@ def test_an_average_is_not_averaged_again(config, config_folder):
         check_config(config, config_folder / "datasets")
 
 
-def test_what_is_averaged_must_be_compared(config, config_folder):
+def test_what_is_averaged_is_run_as_well(config, config_folder):
     averaging(config, "episodes", "snippets", compare=False)
-    config["compare"].append("episodes")
-    message = r"methods\.mean\.options\.of: no method of `compare` named 'snippets'; known: mean, episodes"
-    with pytest.raises(DataError, match=message):
-        check_config(config, config_folder / "datasets")
+    check_config(config, config_folder / "datasets")
+    assert set(methods_run(config)) >= {"mean", "episodes", "snippets"}
+    assert "snippets" not in config["compare"]
 
 
 def test_a_mistyped_member_gets_a_hint(config, config_folder):
@@ -301,8 +303,6 @@ def test_options_of_a_map_with_memory_are_its_sections_and_its_own(config, schem
 @pytest.mark.parametrize(
     ("section", "key", "value"),
     [
-        ("episodes", "persons", 0),
-        ("episodes", "persons", 1.1),
         ("episodes", "pace", 2),
         ("episodes", "reach_m", 0),
         ("episodes", "k", 0),
@@ -336,9 +336,18 @@ def test_tuned_options_win(config, name):
     config["methods"][name]["options"] = {own: 1}
     plain = method_settings(config, name)
     assert plain["options"][own] == 1
-    tuned = method_settings(config, name, {own: 2})
+    tuned = method_settings(config, name, {name: {own: 2}})
     assert tuned == {**plain, "options": {**plain["options"], own: 2}}
     assert config["methods"][name]["options"] == {own: 1}, "of other datasets they stay as they were"
+
+
+def test_options_tuned_for_a_kind_hold_where_a_method_says_nothing(config):
+    config["methods"]["mine"] = {"kind": "snippets", "title": "Mine", "options": {"length_s": 1}}
+    config["methods"]["other"] = {"kind": "snippets", "title": "Other", "options": {"most": 10}}
+    tuned = {"snippets": {"length_s": 3}}
+    found = {name: method_settings(config, name, tuned)["options"] for name in ("mine", "other", "episodes")}
+    assert (found["mine"]["length_s"], found["other"]["length_s"], found["other"]["most"]) == (1, 3, 10)
+    assert "length_s" not in found["episodes"]
 
 
 def tuned(**options):
@@ -355,9 +364,10 @@ def test_tuned_options_that_a_method_takes_are_accepted(config, schemas):
 @pytest.mark.parametrize(
     ("options", "parts"),
     [
-        ({"snipets": {"k": 3}}, ["no method named 'snipets'; did you mean 'snippets'"]),
+        ({"snipets": {"k": 3}}, ["no kind or method named 'snipets'; did you mean 'snippets'"]),
         ({"snippets": {"kernel": 3}}, ["methods.snippets.options: unknown key 'kernel', did you mean 'kernel_m'"]),
         ({"snippets": {"kernel_m": 0}}, ["methods.snippets.options.kernel_m", "0"]),
+        ({"average": {"of": ["a", "b"]}}, ["no kind or method named 'average'"]),
         ({"cliff": {"reach_m": 3}}, ["methods.cliff.options: unknown key 'reach_m'"]),
     ],
 )
