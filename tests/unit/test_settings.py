@@ -12,8 +12,15 @@ from modlhmp.cleaning import RULES
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import find_recording, open_raw
 from modlhmp.settings import (
-    check, check_config, check_tuned, load_dataset, members, method_settings, methods_run, validation_part,
-)  # fmt: skip
+    check,
+    check_config,
+    check_tuned,
+    load_dataset,
+    members,
+    method_settings,
+    methods_run,
+    validation_part,
+)
 from modlhmp.storage import DataError
 
 ROWS = "0,1,0,0\n1,1,1,0\n2,1,2,0\n"
