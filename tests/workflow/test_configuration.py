@@ -63,7 +63,7 @@ def test_every_shipped_configuration_plans(project, overlays):
     """A dry run at the root plans jobs, with recordings or without."""
     files = [f"config/{overlay}.yaml" for overlay in overlays]
     output = project.snakemake("-n", *(["--configfile", *files] if files else []))
-    assert "forecast_recording" in output
+    assert "forecast_method" in output
     assert "table_results" in output
 
 

@@ -197,7 +197,7 @@ def test_an_edit_reruns_exactly_what_depends_on_it(tiny_run, tmp_path, module, r
 def test_an_edit_of_a_map_s_code_remakes_that_map(tiny_run, tmp_path):
     """And what was made with it, but neither recordings nor the other map."""
     rules = edited(tiny_run, tmp_path, "maps/mean_shift.py")
-    assert {"build_cliff", "build_tc_cliff", "forecast_recording", "figure_cliff_hours", "table_claims"} <= rules
+    assert {"build_cliff", "build_tc_cliff", "forecast_method", "figure_cliff_hours", "table_claims"} <= rules
     assert not {"clean_recording", "build_stef", "figure_stef_hours", "table_parameters"} & rules
 
 
@@ -207,7 +207,7 @@ def test_an_edit_of_a_network_trains_that_network_alone(tiny_run, tmp_path):
     assert {"train_tutr", "forecast_tutr_on_demo_hall", "score_method", "table_models", "table_results"} <= rules
     trained = {rule for rule in rules if rule.startswith("train_")}
     assert trained == {"train_tutr"}
-    assert not {"forecast_recording", "build_cliff", "study_parameter", "clean_recording"} & rules
+    assert not {"forecast_method", "build_cliff", "study_parameter", "clean_recording"} & rules
     both = edited(tiny_run, tmp_path / "again", "baselines/trajectronpp.py")
     assert {rule for rule in both if rule.startswith("train_")} == {"train_trajectronpp", "train_mid"}
 
@@ -239,7 +239,7 @@ def test_a_changed_option_reruns_what_reads_it(tiny_run):
     """Forecasts read beta , maps do not."""
     (tiny_run.folder / "beta.yaml").write_text("rollout: {beta: 2.0}\n")
     rules = planned(tiny_run.snakemake("-n", "--configfile", "config/tiny.yaml", "beta.yaml"))
-    assert "forecast_recording" in rules
+    assert "forecast_method" in rules
     assert not {"build_cliff", "clean_recording"} & rules
 
 

@@ -1,59 +1,66 @@
 # Forecasts of every usable test track, to the longest horizon.
 #
-# INPUTS   a clean test recording; the map of the method, if it has one
+# INPUTS   clean test recordings; the map of the method, if it has one
 # OUTPUTS  results/{run}/{dataset}/forecasts/{method}/{recording}.parquet
-# STEPS    forecast_recording; average_forecasts for methods that are the mean of others
+# STEPS    forecast_method; average_forecasts for methods that are the mean of others
+#
+# One job forecasts all recordings of a dataset, since starting up takes longer than most recordings.
 
 
-rule forecast_recording:
-    """k futures of each usable track of a test recording, for every seed."""
+rule forecast_method:
+    """k futures of each usable track of every test recording, for every seed."""
     input:
-        tracks=f"results/{RUN}/{{dataset}}/tracks/{{recording}}.parquet",
+        tracks=track_files("test"),
         map=method_map,
         exits=method_exits,
     output:
-        f"results/{RUN}/{{dataset}}/forecasts/{{method}}/{{recording}}.parquet",
+        directory(f"results/{RUN}/{{dataset}}/forecasts/{{method}}"),
     log:
-        f"results/{RUN}/logs/forecast_recording/{{dataset}}/{{method}}/{{recording}}.log",
+        f"results/{RUN}/logs/forecast_method/{{dataset}}/{{method}}.log",
     benchmark:
-        f"results/{RUN}/benchmarks/forecast_recording/{{dataset}}/{{method}}/{{recording}}.tsv"
+        f"results/{RUN}/benchmarks/forecast_method/{{dataset}}/{{method}}.tsv"
     wildcard_constraints:
         method="|".join(name for name in METHODS if name not in LEARNED + AVERAGES)
         or NO_METHOD,
     resources:
         mem_mb=1500,
-        runtime=60,
+        runtime=120,
     params:
         method=lambda wildcards: method_of(wildcards.dataset, wildcards.method),
         dataset=lambda wildcards: settings_of(wildcards.dataset, FORECAST_KEYS),
+        recordings=lambda wildcards: [
+            r["name"] for r in recordings(wildcards.dataset, "test")
+        ],
         seeds=config["seeds"],
-        code=code_of("forecast_recording"),
+        code=code_of("forecast_method"),
     message:
-        "Forecast {wildcards.dataset} {wildcards.recording} with {wildcards.method}"
+        "Forecast {wildcards.dataset} with {wildcards.method}"
     script:
-        "../scripts/forecast_recording.py"
+        "../scripts/forecast_method.py"
 
 
 rule average_forecasts:
     """The mean of other methods' paths, as a method of its own."""
     input:
         lambda wildcards: [
-            f"results/{RUN}/{wildcards.dataset}/forecasts/{name}/{wildcards.recording}.parquet"
+            f"results/{RUN}/{wildcards.dataset}/forecasts/{name}"
             for name in members(config, wildcards.method)
         ],
     output:
-        f"results/{RUN}/{{dataset}}/forecasts/{{method}}/{{recording}}.parquet",
+        directory(f"results/{RUN}/{{dataset}}/forecasts/{{method}}"),
     log:
-        f"results/{RUN}/logs/average_forecasts/{{dataset}}/{{method}}/{{recording}}.log",
+        f"results/{RUN}/logs/average_forecasts/{{dataset}}/{{method}}.log",
     wildcard_constraints:
         method="|".join(AVERAGES) or NO_METHOD,
     resources:
         mem_mb=1500,
         runtime=10,
     params:
-        method=lambda wildcards: METHODS[wildcards.method],
+        recordings=lambda wildcards: [
+            r["name"] for r in recordings(wildcards.dataset, "test")
+        ],
         code=code_of("average_forecasts"),
     message:
-        "Average forecasts of {wildcards.dataset} {wildcards.recording} as {wildcards.method}"
+        "Average forecasts of {wildcards.dataset} as {wildcards.method}"
     script:
         "../scripts/average_forecasts.py"

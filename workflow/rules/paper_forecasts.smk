@@ -9,11 +9,7 @@ EXAMPLE_FILES = [
     for file in (
         *(f"tracks/{r['name']}.parquet" for r in recordings(dataset, "test")),
         *(f"errors/{method}.parquet" for method in TITLES),
-        *(
-            f"forecasts/{method}/{r['name']}.parquet"
-            for method in TITLES
-            for r in recordings(dataset, "test")
-        ),
+        *(f"forecasts/{method}" for method in TITLES),
     )
 ]
 

@@ -9,10 +9,7 @@ rule score_method:
     """ADE and FDE at every horizon of each test track and seed, under both protocols."""
     input:
         tracks=track_files("test"),
-        forecasts=lambda wildcards: [
-            f"results/{RUN}/{wildcards.dataset}/forecasts/{wildcards.method}/{r['name']}.parquet"
-            for r in recordings(wildcards.dataset, "test")
-        ],
+        forecasts=f"results/{RUN}/{{dataset}}/forecasts/{{method}}",
         floor_plan=lambda wildcards: DATASETS[wildcards.dataset]["floor_plan"],
     output:
         f"results/{RUN}/{{dataset}}/errors/{{method}}.parquet",

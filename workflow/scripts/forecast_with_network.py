@@ -1,4 +1,4 @@
-"""Rules forecast_{method}_on_{dataset}."""
+"""Rule forecast_with_network."""
 
 from pathlib import Path
 
@@ -13,12 +13,12 @@ with job_log(snakemake.log[0]) as log:
     learned = {**method["learned"], "threads": snakemake.threads}
     forecaster = network_forecaster(snakemake.input.weights, method["kind"], method["options"], params.dataset, learned)
     files = {Path(file).stem: file for file in snakemake.input.tracks}
-    for (name, others), output in zip(params.recordings.items(), snakemake.output, strict=True):
+    for name, others in params.recordings.items():
         made_of = [files[name], *(files[other] for other in others)]
         own, *rest = map(read_tracks, made_of)
-        names, k = (params.dataset_name, params.method_name, name), method["options"].get("k", 1)
+        names, k = (*snakemake.wildcards, name), method["options"].get("k", 1)
         forecasts = forecast_recording(own, forecaster, params.dataset, names, k, params.seeds, rest)
         wildcards = dict(zip(("dataset", "method", "recording"), names, strict=True))
         origin = provenance(wildcards, dict(params), [*made_of, snakemake.input.summary])
-        write_forecasts(output, forecasts, **origin)
+        write_forecasts(Path(snakemake.output[0]) / f"{name}.parquet", forecasts, **origin)
         log.info("%s: forecast", name)

@@ -1,5 +1,7 @@
 """Rule score_method."""
 
+from pathlib import Path
+
 import pyarrow as pa
 
 from modlhmp.floor_plan import load_floor_plan
@@ -12,10 +14,9 @@ from modlhmp.tracks import read_tracks
 with job_log(snakemake.log[0]) as log:
     plan = load_floor_plan(snakemake.input.floor_plan[0]) if snakemake.input.floor_plan else None
     tables = []
-    for name, tracks, forecasts in zip(
-        snakemake.params.recordings, snakemake.input.tracks, snakemake.input.forecasts, strict=True
-    ):
-        errors = score_recording(read_tracks(tracks), read_forecasts(forecasts), name, snakemake.params.dataset, plan)
+    for name, tracks in zip(snakemake.params.recordings, snakemake.input.tracks, strict=True):
+        forecasts = read_forecasts(Path(snakemake.input.forecasts) / f"{name}.parquet")
+        errors = score_recording(read_tracks(tracks), forecasts, name, snakemake.params.dataset, plan)
         tables.append(errors)
     errors = pa.concat_tables(tables).unify_dictionaries()
     if not errors.num_rows:
