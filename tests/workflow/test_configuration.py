@@ -58,7 +58,7 @@ def own(project):
 OWN = ("--cores", 2, "--configfile", "own.yaml")
 
 
-@pytest.mark.parametrize("overlays", [(), ("real",), ("paper",), ("tiny",), ("real", "choices")])
+@pytest.mark.parametrize("overlays", [(), ("real",), ("paper",), ("tiny",), ("real", "choices"), ("real", "validation")])
 def test_every_shipped_configuration_plans(project, overlays):
     """A dry run at the root plans jobs, with recordings or without."""
     files = [f"config/{overlay}.yaml" for overlay in overlays]

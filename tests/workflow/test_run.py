@@ -204,7 +204,7 @@ def test_an_edit_of_a_map_s_code_remakes_that_map(tiny_run, tmp_path):
 def test_an_edit_of_a_network_trains_that_network_alone(tiny_run, tmp_path):
     """And redoes what stands on its forecasts; MID has Trajectron++'s encoder, so an edit of that is one of both."""
     rules = edited(tiny_run, tmp_path, "baselines/tutr.py")
-    assert {"train_tutr", "forecast_tutr_on_demo_hall", "score_method", "table_models", "table_results"} <= rules
+    assert {"train_tutr", "forecast_with_network", "score_method", "table_models", "table_results"} <= rules
     trained = {rule for rule in rules if rule.startswith("train_")}
     assert trained == {"train_tutr"}
     assert not {"forecast_method", "build_cliff", "study_parameter", "clean_recording"} & rules
