@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from network_twins import walking, without_dropout
 
-from modlhmp.baselines import KINDS, network_class, trajectronpp
+from modlhmp.baselines import KINDS, PUBLISHED, network_class, trajectronpp
 from modlhmp.baselines.data import Day, Scenes, observed_scene, scenes_at
 from modlhmp.baselines.forecaster import network_forecaster
 from modlhmp.baselines.network import cosine, masked_mean, rotated, track_ade, trimmed
@@ -25,7 +25,6 @@ SMALL = {
     "mid": {"context": 8},
     "neural_map": {"channels": 3},
 }
-PUBLISHED = [kind for kind in KINDS if kind != "neural_map"]  # which do not know where they are
 ALONE = ("lstm", "neural_map")  # look at nobody else
 AUTOREGRESSIVE = ("lstm", "social_lstm", "trajectronpp")
 
