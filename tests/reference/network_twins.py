@@ -36,7 +36,8 @@ def walking(seed, n=6, others=3, steps=STEPS, dtype=torch.float64, whole=False):
         length = torch.arange(n) * 5 % steps + 1
         present[:, 0] = row < OBSERVED + length[:, None]
     xy = torch.where(present[..., None], xy, 0.0).to(dtype)
-    return Scenes(xy[:, :, :OBSERVED], present[:, :, :OBSERVED], xy[:, :, OBSERVED:], present[:, :, OBSERVED:])
+    where = torch.cat([10 * torch.randn(n, 2, generator=g), 24 * torch.rand(n, 1, generator=g)], 1).to(dtype)
+    return Scenes(xy[:, :, :OBSERVED], present[:, :, :OBSERVED], xy[:, :, OBSERVED:], present[:, :, OBSERVED:], where)
 
 
 def without_dropout(network):
@@ -50,8 +51,13 @@ def without_dropout(network):
 def one(scenes, i):
     """The scene i alone, up to its own truth."""
     length = int(scenes.future_present[i, 0].sum())
-    past, past_present, future, future_present = (part[i : i + 1] for part in scenes)
-    return Scenes(past, past_present, future[:, :, :length], future_present[:, :, :length])
+    past, past_present, future, future_present, where = (part[i : i + 1] for part in scenes)
+    return Scenes(past, past_present, future[:, :, :length], future_present[:, :, :length], where)
+
+
+def people(scenes, which):
+    """The scenes with some of their people, or all in another order."""
+    return Scenes(*(part[:, which] for part in scenes[:4]), scenes.where)
 
 
 def norm(values):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import twins
-from crowds import crowd, people_of, reordered, straight, walk
+from crowds import START, crowd, people_of, reordered, straight, walk
 
 from modlhmp.baselines.data import Day, day_of, draw_windows, observed_scene, scenes_at, training_data, training_windows
 from modlhmp.forecasting import forecast_recording
@@ -68,7 +68,7 @@ def test_scenes_equal_loops_over_people_and_steps(seed, shape):
     for n, start in enumerate(starts):
         who = np.searchsorted(tracks.bounds(), start, side="right") - 1
         plain = plain_scene(people, who, start - tracks.bounds()[who], *shape)
-        for expected, got, present in zip(plain, (scenes.past, scenes.future), scenes[1::2], strict=True):
+        for expected, got, present in zip(plain, (scenes.past, scenes.future), scenes[1:4:2], strict=True):
             known = np.array([[at is not None for at in path] for path in expected])
             np.testing.assert_array_equal(present[n, : len(known)], known)
             assert not present[n, len(known) :].any()
@@ -84,7 +84,7 @@ def some_scenes(tracks, shape=SHAPE):
 
 def test_scenes_are_float32_and_0_where_nobody_is():
     scenes = some_scenes(crowd(5, gaps=GAPS))
-    for xy, present in (scenes[:2], scenes[2:]):
+    for xy, present in (scenes[:2], scenes[2:4]):
         assert xy.dtype == np.float32
         assert present.dtype == bool
         assert (xy[~present] == 0).all()
@@ -96,11 +96,13 @@ def test_scenes_are_float32_and_0_where_nobody_is():
     np.testing.assert_array_equal(own, np.arange(SHAPE[0]) < scenes.lengths()[:, None])  # contiguous from step 1
 
 
-def test_scenes_do_not_say_where_in_the_building_they_are():
+def test_only_where_says_where_in_the_building_scenes_are():
     tracks = crowd(6, gaps=GAPS)
     elsewhere = tracks._replace(x=tracks.x + 1000, y=tracks.y - 500)
-    for one, other in zip(some_scenes(tracks), some_scenes(elsewhere), strict=True):
+    here, there = some_scenes(tracks), some_scenes(elsewhere)
+    for one, other in zip(here[:4], there[:4], strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(there.where - here.where, np.tile([1000, -500, 0], (len(here.past), 1)), atol=1e-4)
 
 
 def test_the_past_of_a_scene_does_not_depend_on_its_future():
@@ -282,3 +284,92 @@ def test_full_futures_need_a_track_that_goes_on_for_the_horizon():
     with pytest.raises(DataError, match=r"whole horizon of 12 s.*`futures: masked`.*shorter horizon_s"):
         training_data(days, "full", 0.1, 0, *SHAPE)
     assert training_data(days, "masked", 0.1, 0, *SHAPE).tracks > 40
+
+
+# --- held out by days or by hours ---------------------------------------------------------------------------
+
+HOUR_S, DAY_S = 3600.0, 86400.0
+
+
+def at_times(ids, times):
+    """One paced person an id, who comes at that time [s after START]."""
+    return concatenate([straight(n, (0, 0), (n / 100, 0), 20, t) for n, t in zip(ids, times, strict=True)])
+
+
+def by_blocks(days, seed=0):
+    return training_data(days, "masked", 0.1, seed, *SHAPE, validation="blocks")
+
+
+def trained_on(data):
+    """Ids of the paced people who are trained on, of several days as well."""
+    return who_is(data.draw(np.random.default_rng(0)))
+
+
+@pytest.mark.parametrize(("number", "held_out"), [(2, 1), (3, 1), (5, 1), (8, 2), (10, 2)])
+def test_the_last_fifth_of_several_days_is_held_out(number, held_out):
+    begin = DAY_S - START % DAY_S  # of a day
+    ids = np.arange(10 * number).reshape(number, 10)
+    days = [day_of(at_times(i, begin + n * DAY_S + 1000 * np.arange(10)), [], 4) for n, i in enumerate(ids)]
+    for some in (days, days[::-1]):  # whatever the order of the recordings
+        data = by_blocks(some)
+        assert sorted(who_is(data.validation)) == ids[number - held_out :].ravel().tolist()
+        assert sorted(trained_on(data)) == ids[: number - held_out].ravel().tolist()
+
+
+def test_a_day_ends_at_midnight_of_its_own_clock():
+    """Two recordings of one day in Tokyo, which are of two days in London."""
+    begin = DAY_S - START % DAY_S
+    tables = [at_times(range(n, n + 40), begin + hour * HOUR_S + 10 * np.arange(40)) for n, hour in ((0, -2), (40, 1))]
+    there, here = ([day_of(table, [], 4, zone) for table in tables] for zone in ("Asia/Tokyo", "Europe/London"))
+    assert sorted(who_is(by_blocks(here).validation)) == list(range(40, 80))
+    assert len(who_is(by_blocks(there).validation)) < 40
+
+
+def test_half_hours_of_one_day_are_held_out_whole():
+    begin = DAY_S - START % DAY_S
+    times = np.random.default_rng(3).uniform(0, 12 * HOUR_S, 1000)
+    tracks = at_times(range(1000), begin + times)
+    held_out = {}
+    for seed in (0, 1):
+        data = by_blocks([day_of(tracks, [], 4), day_of(empty_tracks(), [tracks], 4)], seed)
+        out, rest = who_is(data.validation), trained_on(data)
+        assert sorted(out + rest) == list(range(1000))
+        blocks = [set((times[people] // 1800).tolist()) for people in (out, rest)]
+        assert not blocks[0] & blocks[1]
+        assert len(blocks[0]) == 4  # of 24
+        held_out[seed] = blocks[0]
+    assert held_out[0] != held_out[1]
+
+
+@pytest.mark.parametrize("span", [1.0, 60.0, 1000.0])
+def test_a_short_recording_has_shorter_blocks(span):
+    data = by_blocks([day_of(at_times(range(200), span * np.arange(200) / 200), [], 4)])
+    assert 5 <= len(who_is(data.validation)) <= 60
+    assert sorted(who_is(data.validation) + trained_on(data)) == list(range(200))
+
+
+def test_people_of_one_moment_cannot_be_held_out_by_time():
+    with pytest.raises(DataError, match=r"begin in one moment.*`validation: persons`"):
+        by_blocks([day_of(at_times(range(30), np.zeros(30)), [], 4)])
+    nobody = by_blocks([day_of(empty_tracks(), [paced(range(5))], 4)])
+    assert nobody.tracks == len(nobody.validation.past) == 0
+
+
+# --- more than one window of a track ------------------------------------------------------------------------
+
+
+def test_long_tracks_give_more_windows_if_asked_for():
+    tables = [speeding(n, rows, 100.0 * n) for n, rows in enumerate([6, 14, 44] * 100)]
+    days = [day_of(concatenate(tables), [], 4)]
+    once, more = (training_data(days, "masked", 0.1, 0, *SHAPE, another_every=every) for every in (None, 10))
+    assert once.drawn == once.tracks == more.tracks
+    numbers = more.windows[0]
+    assert set(numbers.tolist()) == {2, 10, 40}
+    scenes = more.draw(np.random.default_rng(1))
+    assert len(scenes.past) == more.drawn == (1 + numbers // 10).sum()
+    ordinary = once.draw(np.random.default_rng(1))
+    np.testing.assert_array_equal(scenes.past[: once.tracks], ordinary.past)
+    starts = first_row_of(scenes)[once.tracks :]
+    assert starts.max() == 39
+    assert np.mean(starts == 0) < 0.1
+    assert len(more.validation.past) == len(once.validation.past)

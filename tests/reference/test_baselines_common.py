@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from network_twins import walking, without_dropout
 
-from modlhmp.baselines import KINDS, network_class, trajectronpp
+from modlhmp.baselines import KINDS, PUBLISHED, network_class, trajectronpp
 from modlhmp.baselines.data import Day, Scenes, observed_scene, scenes_at
 from modlhmp.baselines.forecaster import network_forecaster
 from modlhmp.baselines.network import cosine, masked_mean, rotated, track_ade, trimmed
@@ -23,10 +23,13 @@ SMALL = {
     "trajectronpp": {"decoder": 12, "modes": 6},
     "tutr": {"width": 16, "modes": 5},
     "mid": {"context": 8},
+    "neural_map": {"channels": 3},
 }
+ALONE = ("lstm", "neural_map")  # look at nobody else
 AUTOREGRESSIVE = ("lstm", "social_lstm", "trajectronpp")
 
 every_kind = pytest.mark.parametrize("kind", KINDS)
+every_published_kind = pytest.mark.parametrize("kind", PUBLISHED)
 
 
 def network(kind, seed=0, steps=twins.STEPS, **options):
@@ -43,7 +46,7 @@ def keys_of(n, k=1):
 
 def forecast(net, scenes):
     with torch.no_grad():
-        return net.forecast(scenes.past, scenes.past_present, keys_of(len(scenes.past)))
+        return net.forecast(scenes.past, scenes.past_present, keys_of(len(scenes.past)), scenes.where)
 
 
 def loss_and_gradients(net, scenes, seed=1):
@@ -93,10 +96,10 @@ def test_contract(kind):
     net, scenes = network(kind, 1), walking(1)
     k = 3 if net.output == "mean" else 1
     with torch.no_grad():
-        got = net.forecast(scenes.past, scenes.past_present, keys_of(6, k))
+        got = net.forecast(scenes.past, scenes.past_present, keys_of(6, k), scenes.where)
     assert got.shape == (6, k, twins.STEPS, 2)
     assert got.dtype == torch.float64
-    assert net.turns == {"lstm": 0, "social_lstm": 0, "trajectronpp": 24, "tutr": None, "mid": 24}[kind]
+    assert net.turns == {"lstm": 0, "social_lstm": 0, "trajectronpp": 24, "mid": 24}.get(kind)
     assert net.output == ("mean" if kind == "mid" else "single")
     loss, gradients = loss_and_gradients(net, scenes)
     assert loss.shape == ()
@@ -137,7 +140,7 @@ def test_validation_error_is_the_mean_distance_of_the_steps_that_are_there(kind)
     net, scenes = network(kind, 6), walking(6)
     with torch.no_grad():
         got = net.validation_error(scenes)
-        xy = net.forecast(scenes.past, scenes.past_present, torch.arange(6)[:, None])
+        xy = net.forecast(scenes.past, scenes.past_present, torch.arange(6)[:, None], scenes.where)
     for i, length in enumerate(scenes.lengths().tolist()):
         distances = [twins.norm(xy[i, 0, t] - scenes.future[i, 0, t]) for t in range(length)]
         assert got[i].item() == pytest.approx(sum(distances) / length)
@@ -241,7 +244,7 @@ def test_one_step_of_truth_is_enough(kind):
 @every_kind
 def test_order_of_the_neighbours_does_not_matter(kind):
     net, scenes = network(kind, 12), walking(12, others=4)
-    mixed = Scenes(*(part[:, [0, 3, 1, 4, 2]] for part in scenes))
+    mixed = twins.people(scenes, [0, 3, 1, 4, 2])
     torch.testing.assert_close(forecast(net, mixed), forecast(net, scenes))
     torch.testing.assert_close(loss_and_gradients(net, mixed)[0], loss_and_gradients(net, scenes)[0])
 
@@ -251,26 +254,27 @@ def test_more_places_for_nobody_do_not_matter(kind):
     net, scenes = network(kind, 13), walking(13)
     nobody = (torch.full_like(scenes.past[:, :3], 7.0), False & scenes.past_present[:, :3])
     later = (torch.full_like(scenes.future[:, :3], 7.0), False & scenes.future_present[:, :3])
-    more = Scenes(*(torch.cat(pair, 1) for pair in zip(scenes, nobody + later, strict=True)))
+    more = Scenes(*(torch.cat(pair, 1) for pair in zip(scenes[:4], nobody + later, strict=True)), scenes.where)
     torch.testing.assert_close(forecast(net, more), forecast(net, scenes))
     torch.testing.assert_close(loss_and_gradients(net, more), loss_and_gradients(net, scenes))
 
 
 @every_kind
-def test_neighbours_are_seen_by_all_but_the_lstm(kind):
+def test_neighbours_are_seen_by_all_but_some(kind):
     net, scenes = network(kind, 14), walking(14)
-    alone = Scenes(*(part[:, :1] for part in scenes))
+    alone = twins.people(scenes, [0])
     differ = (forecast(net, scenes) - forecast(net, alone)).abs().amax((1, 2, 3)) > 1e-9
-    assert bool(differ.any()) == (kind != "lstm")
+    assert bool(differ.any()) == (kind not in ALONE)
+    assert net.looks_at_neighbours or kind in ALONE
     assert not differ[::4].any()  # there is nobody
 
 
 @every_kind
 def test_nobody_around_or_nobody_moves(kind):
     net, scenes = network(kind, 15), walking(15)
-    alone = Scenes(*(part[:, :1] for part in scenes))
+    alone = twins.people(scenes, [0])
     still = scenes._replace(past=torch.zeros_like(scenes.past), future=torch.zeros_like(scenes.future))
-    for some in (alone, still, Scenes(*(part[:, :1] for part in still)), Scenes(*(part[:1] for part in scenes))):
+    for some in (alone, still, twins.people(still, [0]), Scenes(*(part[:1] for part in scenes))):
         loss, gradients = loss_and_gradients(net.double(), some)
         assert loss.isfinite()
         assert all(gradient.isfinite().all() for gradient in gradients.values())
@@ -286,9 +290,9 @@ def test_batch_does_not_matter(kind):
     net, scenes = network(kind, 16), walking(16)
     keys = keys_of(6)
     with torch.no_grad():
-        whole = net.forecast(scenes.past, scenes.past_present, keys)
+        whole = net.forecast(scenes.past, scenes.past_present, keys, scenes.where)
         for rows in ([4], [5, 2, 1]):
-            part = net.forecast(scenes.past[rows], scenes.past_present[rows], keys[rows])
+            part = net.forecast(scenes.past[rows], scenes.past_present[rows], keys[rows], scenes.where[rows])
             torch.testing.assert_close(part, whole[rows])
 
 
@@ -305,7 +309,7 @@ def observed(seed, shift=(0.0, 0.0), n=8, others=3):
     return Observed(np.arange(n), t, paths[:, 0, :, 0], paths[:, 0, :, 1], unknown, unknown, paths[:, 1:])
 
 
-@every_kind
+@every_published_kind
 def test_translation_is_exact(kind):
     net = network(kind, 17)
 
@@ -319,9 +323,9 @@ def test_translation_is_exact(kind):
     np.testing.assert_array_equal(far, origin + np.array([1000.0, -500.0]))
 
 
-@every_kind
+@every_published_kind
 def test_translation_of_a_forecaster(kind, tmp_path):
-    dataset = {"horizon_s": 12, "time_step_s": 1.0, "observed_rows": 4}
+    dataset = {"horizon_s": 12, "time_step_s": 1.0, "observed_rows": 4, "timezone": "UTC"}
     options = SMALL[kind] | {"epochs": 1, "batch_size": 8}
     net = network(kind, 19).float()
     save_network(tmp_path / "weights.pt", kind, options, dataset, net)
@@ -390,9 +394,10 @@ def test_nothing_after_t0_is_seen(kind):
 
     def predict(tracks, start, end):
         day = Day(tracks, np.empty((0, 2), int))
-        past, present, _, _ = scenes_at(day, np.array([start]), np.array([end]), 5, 4, 1.0)
+        past, present, _, _, where = scenes_at(day, np.array([start]), np.array([end]), 5, 4, 1.0)
+        past, where = (torch.from_numpy(part).double() for part in (past, where))
         with torch.no_grad():
-            return net.forecast(torch.from_numpy(past).double(), torch.from_numpy(present), keys_of(1)), present
+            return net.forecast(past, torch.from_numpy(present), keys_of(1), where), present
 
     around = 0
     for start in first:

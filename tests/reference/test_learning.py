@@ -74,7 +74,7 @@ def straight_and_curved(n=16, steps=12):
     xy = (speed[:, None, None] * np.stack([np.cos(heading), np.sin(heading)], -1)).cumsum(1)
     xy = torch.tensor(xy - xy[:, 3:4], dtype=torch.float32)[:, None]
     present = torch.ones(n, 1, 4 + steps) > 0
-    return Scenes(xy[:, :, :4], present[:, :, :4], xy[:, :, 4:], present[:, :, 4:])
+    return Scenes(xy[:, :, :4], present[:, :, :4], xy[:, :, 4:], present[:, :, 4:], torch.zeros(n, 3))
 
 
 def learnt_by_heart(network, scenes, loss, lr, iterations):

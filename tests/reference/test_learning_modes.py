@@ -27,7 +27,8 @@ def scenes_of(xy):
     """Scenes of positions [n, 1 + M, ROWS, 2], everybody always there."""
     xy = xy - xy[:, :1, OBSERVED - 1 : OBSERVED]
     present = torch.ones(xy.shape[:3], dtype=torch.bool)
-    return Scenes(xy[:, :, :OBSERVED], present[:, :, :OBSERVED], xy[:, :, OBSERVED:], present[:, :, OBSERVED:])
+    where = torch.zeros(len(xy), 3)
+    return Scenes(xy[:, :, :OBSERVED], present[:, :, :OBSERVED], xy[:, :, OBSERVED:], present[:, :, OBSERVED:], where)
 
 
 def along(covered, heading):

@@ -26,7 +26,7 @@ from modlhmp.storage import DataError
 from modlhmp.tracks import concatenate, empty_tracks
 
 LOG = logging.getLogger("training")
-DATASET = {"observed_rows": 4, "horizon_s": 6.0, "time_step_s": 1.0}
+DATASET = {"observed_rows": 4, "horizon_s": 6.0, "time_step_s": 1.0, "timezone": "UTC"}
 LEARNED = {"threads": 1, "device": "cpu", "futures": "masked", "seed": 0}
 OPTIONS = {"epochs": 4, "batch_size": 16, "learning_rate": 0.003, "schedule": "cosine", "patience": 9, "rotate": True}
 SIZES = {
@@ -35,6 +35,7 @@ SIZES = {
     "trajectronpp": {"decoder": 8, "modes": 4},
     "tutr": {"width": 8, "modes": 5},
     "mid": {"context": 8, "layers": 1, "k": 3},
+    "neural_map": {"channels": 2, "validation": "blocks", "another_every": 5},
 }
 NAMES = ("data", "method", "day")
 
@@ -313,7 +314,7 @@ def numbered_scenes(lengths):
     n = len(lengths)
     past = np.zeros((n, 1, 4, 2), np.float32) + np.arange(n)[:, None, None, None]
     present = np.arange(60) < np.array(lengths)[:, None, None]
-    return Scenes(past, np.ones((n, 1, 4), bool), np.zeros((n, 1, 60, 2), np.float32), present)
+    return Scenes(past, np.ones((n, 1, 4), bool), np.zeros((n, 1, 60, 2), np.float32), present, np.zeros((n, 3)))
 
 
 @pytest.mark.parametrize(("n", "size"), [(100, 16), (96, 16), (5, 16), (7, 1)])

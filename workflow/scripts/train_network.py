@@ -13,7 +13,7 @@ with job_log(snakemake.log[0]) as log:
     method, dataset = snakemake.params.method, snakemake.params.dataset
     tracks = {Path(file).stem: read_tracks(file) for file in snakemake.input.tracks}
     days = [
-        day_of(tracks[name], [tracks[other] for other in others], dataset["observed_rows"])
+        day_of(tracks[name], [tracks[other] for other in others], dataset["observed_rows"], dataset["timezone"])
         for name, others in snakemake.params.days.items()
     ]
     weights = Path(snakemake.output.weights)

@@ -1,4 +1,4 @@
-"""The learned baselines of the paper: LSTM, Social LSTM, Trajectron++, TUTR and MID.
+"""The learned baselines: the paper's LSTM, Social LSTM, Trajectron++, TUTR and MID, and a neural map of our own.
 
 One module a network (contract: `baselines.network`), trained by one loop (`baselines.training`) on one form of data
 (`baselines.data`), and forecasting like any other method (`baselines.forecaster`). PyTorch is imported only in here.
@@ -7,7 +7,8 @@ One module a network (contract: `baselines.network`), trained by one loop (`base
 import os
 from importlib import import_module
 
-KINDS = ("lstm", "social_lstm", "trajectronpp", "tutr", "mid")
+PUBLISHED = ("lstm", "social_lstm", "trajectronpp", "tutr", "mid")
+KINDS = (*PUBLISHED, "neural_map")
 
 # Read when PyTorch loads OpenMP: threads that wait by spinning stall each other when another process is busy.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

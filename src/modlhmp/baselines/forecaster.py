@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from modlhmp.baselines.data import observed_scene
+from modlhmp.baselines.data import observed_scene, whereabouts
 from modlhmp.baselines.training import BATCH, choose_device, load_network
 from modlhmp.forecasting.base import Forecast
 
@@ -16,12 +16,14 @@ def network_forecaster(path, kind, options, dataset, learned):
 
     def forecast(observed, steps, keys):
         past, present, origin = observed_scene(observed, dataset["time_step_s"])
+        where = whereabouts(origin, observed.t[:, -1], dataset["timezone"])
         parts = [np.empty((0, *keys.shape[1:], steps, 2))]
         with torch.no_grad():
             for start in range(0, len(past), BATCH):
                 some = slice(start, start + BATCH)
                 seen = (torch.from_numpy(part[some]).to(device) for part in (past, present))
-                parts.append(network.forecast(*seen, torch.from_numpy(keys[some].view(np.int64))).cpu().numpy())
+                streams, place = torch.from_numpy(keys[some].view(np.int64)), torch.from_numpy(where[some]).to(device)
+                parts.append(network.forecast(*seen, streams, place).cpu().numpy())
         xy = np.concatenate(parts) + origin[:, None, None]
         n, k = keys.shape
         return Forecast(

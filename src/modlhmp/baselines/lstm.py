@@ -64,7 +64,7 @@ class Network(Base):
         gaussians = self.roll_out(scenes.past[:, 0], steps)
         return displacement_loss(scenes, gaussians, steps, self.sigma_scale)
 
-    def forecast(self, past, present, keys):
+    def forecast(self, past, present, keys, where=None):
         """The path of the means."""
         return self.roll_out(past[:, 0], self.steps)[0].cumsum(1)[:, None]
 

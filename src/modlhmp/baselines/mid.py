@@ -93,7 +93,7 @@ class Network(Base):
         predicted = self.noise(torch.where(mask[..., None], diffused(velocity, t, noise), 0.0), t, context, mask)
         return masked_mean(((predicted - noise) ** 2).mean(-1), mask)
 
-    def forecast(self, past, present, keys):
+    def forecast(self, past, present, keys, where=None):
         """The paths from the keys' noise by deterministic sampling (DDIM), the whole horizon at once."""
         (n, k), steps = keys.shape, self.steps
         start = torch.from_numpy(noise_of(keys.cpu().numpy().ravel(), steps)).to(past)

@@ -14,6 +14,7 @@ class Base(nn.Module):
     """Contract of a network; `steps` and `observed_rows` are those of the dataset, `step_s` its time step [s]."""
 
     output = "single"  # how one result comes out of the k futures (forecasting.base)
+    looks_at_neighbours = True  # where False, nobody else is in the scenes it is trained on
     turns = None  # augmentation: number of equal turns of a circle (0: any angle), None for none
 
     def __init__(self, steps, observed_rows, step_s):
@@ -28,8 +29,11 @@ class Base(nn.Module):
         """Mean loss of a batch, a scalar; draws from torch's global generator."""
         raise NotImplementedError
 
-    def forecast(self, past, present, keys):
-        """Positions [n, k, steps, 2] relative to t0's from what was observed and the keys [n, k] of the futures."""
+    def forecast(self, past, present, keys, where=None):
+        """Positions [n, k, steps, 2] relative to t0's from what was observed and the keys [n, k] of the futures.
+
+        `where` [n, 3] (`data.Scenes`) is given to all; only a network that learns a map looks at it.
+        """
         raise NotImplementedError
 
     def optimiser(self, lr):
@@ -46,7 +50,7 @@ class Base(nn.Module):
     def validation_error(self, scenes):
         """ADE [n] in m of each track up to its own length; a network of several futures shows one."""
         keys = torch.zeros(len(scenes.past), 1, dtype=torch.int64)
-        xy = self.forecast(scenes.past, scenes.past_present, keys)
+        xy = self.forecast(scenes.past, scenes.past_present, keys, scenes.where)
         return track_ade(xy[:, 0], scenes.future[:, 0], scenes.future_present[:, 0])
 
     def parameter_count(self):

@@ -91,7 +91,7 @@ class Network(lstm.Network):
         gaussians = self.roll_out(scenes.past, scenes.past_present, steps, scenes.future, scenes.future_present)
         return lstm.displacement_loss(scenes, gaussians, steps, self.sigma_scale)
 
-    def forecast(self, past, present, keys):
+    def forecast(self, past, present, keys, where=None):
         """The path of the means, everyone present at t0 moving along."""
         return self.roll_out(past, present, self.steps)[0].cumsum(1)[:, None]
 

@@ -14,7 +14,8 @@ from modlhmp.baselines.network import cosine, rotated
 from modlhmp.storage import DataError, atomic_path
 
 CURVE = ("epoch", "train_loss", "validation_ade_m", "learning_rate", "seconds")
-TRAINING = ("epochs", "batch_size", "learning_rate", "schedule", "patience", "rotate")  # the others build the network
+DRAWING = ("validation", "another_every")  # options of `training_data`, where they are given
+TRAINING = ("epochs", "batch_size", "learning_rate", "schedule", "patience", "rotate", *DRAWING)  # others build it
 LEAST_TRACKS = 20
 VALIDATION_SHARE = 0.1
 LENGTH_JITTER = 0.15  # of a track's length, so that batches of like lengths differ from epoch to epoch
@@ -52,7 +53,9 @@ def train(kind, options, days, dataset, learned, checkpoint, log):
     """
     torch.set_num_threads(learned["threads"])
     device, shape = choose_device(learned["device"]), _shape(dataset)
-    data = training_data(days, learned["futures"], VALIDATION_SHARE, learned["seed"], *shape)
+    drawing = {name: options[name] for name in DRAWING if name in options}
+    data = training_data(days, learned["futures"], VALIDATION_SHARE, learned["seed"], *shape, **drawing,
+                         neighbours=network_class(kind).looks_at_neighbours)  # fmt: skip
     if data.tracks < LEAST_TRACKS or not len(data.validation.past):
         raise DataError(
             f"{kind}: {data.tracks} training and {len(data.validation.past)} validation tracks are too few to train on "
@@ -60,7 +63,7 @@ def train(kind, options, days, dataset, learned, checkpoint, log):
         )
     torch.manual_seed(learned["seed"])
     network = build_network(kind, options, *shape)
-    network.planned_iterations = options["epochs"] * -(-data.tracks // options["batch_size"])
+    network.planned_iterations = options["epochs"] * -(-data.drawn // options["batch_size"])
     fingerprint = _fingerprint(kind, options, learned, days, shape)
     state = load_checkpoint(checkpoint, fingerprint, log)
     if state is None:
@@ -205,6 +208,7 @@ def _fingerprint(kind, options, learned, days, shape):
     settings = [kind, options, learned["futures"], learned["seed"], learned.get("code"), shape]
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
     for day in days:
+        digest.update(day.timezone.encode())
         for part in (*day.tracks[:4], day.rows):
             digest.update(np.ascontiguousarray(part))
     return digest.hexdigest()

@@ -129,7 +129,7 @@ class Network(Base):
             velocity = draw(mean, log_sigma, correlation) if sample else mean
         return [torch.stack(part, 1).unflatten(0, (n, -1)) for part in zip(*outputs, strict=True)]
 
-    def forecast(self, past, present, keys):
+    def forecast(self, past, present, keys, where=None):
         """The most likely latent value's path of mean velocities (the originals' z mode and mixture mode)."""
         context, now = self.encoder(past, present)
         best = self.prior(context).argmax(-1, keepdim=True)

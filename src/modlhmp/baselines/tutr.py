@@ -87,7 +87,7 @@ class Network(Base):
         error = nn.functional.smooth_l1_loss(path, torch.where(mask[..., None], future, 0.0), reduction="none").mean(-1)
         return masked_mean(error, mask) + nn.functional.cross_entropy(logits, torch.softmax(-distance, 1))
 
-    def forecast(self, past, present, keys):
+    def forecast(self, past, present, keys, where=None):
         """The path of the highest score."""
         frame = own_frame(past)
         turned = past @ frame[:, None]

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from modlhmp.baselines import KINDS as LEARNED_KINDS
+from modlhmp.baselines import PUBLISHED
 from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.paper.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
 from modlhmp.paper.table_forms import write_table
@@ -346,7 +346,8 @@ def _verdict(row):
 
 
 def _learned(one, kinds):
-    return [method for method in one.errors if kinds[method] in LEARNED_KINDS]
+    """The paper's networks: its claims are about them."""
+    return [method for method in one.errors if kinds[method] in PUBLISHED]
 
 
 def _if_none(one, kinds):
