@@ -15,6 +15,7 @@ import yaml
 from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.cleaning import RULES
 from modlhmp.floor_plan import image_of
+from modlhmp.maps import KINDS as MAP_KINDS
 from modlhmp.maps import SAMPLED
 from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.storage import DataError
@@ -91,6 +92,14 @@ def check_config(config, datasets_folder):
         raise DataError(_unknown("studies.method", "method", studied, config["methods"]))
     if config["methods"][studied]["kind"] not in SAMPLED:
         raise DataError(f"configuration, studies.method: {studied} has no map to sample, so neither beta nor r_s")
+    for name in config["uncertainty"]["methods"]:
+        if name not in config["methods"]:
+            raise DataError(_unknown("uncertainty.methods", "method", name, config["methods"]))
+        if config["methods"][name]["kind"] not in MAP_KINDS:
+            raise DataError(
+                f"configuration, uncertainty.methods: {name} has no samples to score; methods that have are of the "
+                f"kinds {', '.join(MAP_KINDS)}"
+            )
     for pair in config["comparisons"]:
         for name in pair:
             if name not in config["methods"]:

@@ -198,6 +198,7 @@ rule tables:
         rules.table_ttests.output,
         rules.table_claims.output,
         MODEL_TABLES,
+        UNCERTAINTY_TABLES,
 
 
 rule figures:
@@ -207,6 +208,7 @@ rule figures:
         MAP_FIGURES,
         FORECAST_FIGURES,
         MODEL_FIGURES,
+        UNCERTAINTY_FIGURES,
         rules.figure_coverage.output,
         rules.figure_runtime.output if measured_runtimes(None) else [],
         rules.figure_ranking.output if "tc_cliff" in METHODS else [],
