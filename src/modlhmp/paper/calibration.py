@@ -9,6 +9,7 @@ from modlhmp.paper import style
 from modlhmp.scoring.reliability import calibration, read_uncertainty, reliability
 
 ROW_MM, BELOW_MM = 46.0, 20.0
+FEW = 5  # tracks; a bin of fewer is drawn hollow
 EXACT = {"color": "0.55", "linewidth": 0.6, "zorder": 1}
 
 
@@ -37,7 +38,7 @@ def draw(folder, datasets, methods, measured, stem):
         [*(methods[method] for method in measured), "as announced"],
         loc="outside lower center",
         ncols=len(handles),
-        title="Means in ten bins, bars: 95 % of the mean.\n"
+        title="Means in ten bins, bars: 95 % of the mean; hollow: fewer than five tracks.\n"
         "Errors: bins of equally many tracks; above the line, a method is too sure.\n"
         "Having left: bins of equally wide probability; above the line, more people have left than announced.",
         title_fontsize=6,
@@ -72,15 +73,20 @@ def _panel(ax, table, what, methods, title):
         return
     high = 1.0
     if what == "error":
-        high = 1.05 * max(table["forecast"].max(), table["outcome"].max())
+        high = max(table["forecast"].max(), table["outcome"].max())
     ax.plot([0, high], [0, high], **EXACT)
     for method, bins in table.groupby("method"):
         look = style.method_style(list(methods).index(method))
-        ax.plot(bins["forecast"], bins["outcome"], **look)
+        ax.plot(bins["forecast"], bins["outcome"], linewidth=0.7, **{**look, "marker": "none"})
+        for some, face in ((bins[bins["n"] >= FEW], look["color"]), (bins[bins["n"] < FEW], "white")):
+            marks = {**look, "linestyle": "none", "markeredgewidth": 0.6, "markerfacecolor": face}
+            ax.plot(some["forecast"], some["outcome"], **marks, zorder=3)
         half = 1.96 * bins["standard_error"].fillna(0)
         low = np.minimum(half, bins["outcome"])  # neither errors nor shares are negative
-        ax.errorbar(bins["forecast"], bins["outcome"], [low, half], fmt="none", ecolor=look["color"], elinewidth=0.4)
-    ax.set(xlim=(0, high), ylim=(0, high), aspect="equal", title=title)
+        bars = {"ecolor": look["color"], "elinewidth": 0.5, "alpha": 0.4}
+        ax.errorbar(bins["forecast"], bins["outcome"], [low, half], fmt="none", **bars)
+    limits = (-0.03 * high, 1.03 * high)
+    ax.set(xlim=limits, ylim=limits, aspect="equal", title=title)
     if what == "error":
         ax.set(xlabel="expected error [m]", ylabel="real error [m]")
     else:

@@ -12,14 +12,14 @@ from matplotlib.patches import Patch
 from modlhmp.forecasting import forecast_recording, make_forecaster
 from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.median import with_median
-from modlhmp.maps import map_path
+from modlhmp.maps import SAMPLED, map_path
 from modlhmp.paper import paths, style
 from modlhmp.paper.selection import errors_at, example_track
 from modlhmp.scoring.uncertainty import samples_of
 from modlhmp.tracks import read_tracks
 
 MOMENTS = (1 / 6, 1 / 3, 1.0)  # of the horizon
-CELL_M, BANDWIDTH_M = 0.2, 0.6
+CELLS, BANDWIDTH = 300, 1 / 60  # cells of a panel's width, and the share of it by which a sample is spread
 SHARES = (0.9, 0.5)
 COLUMNS = paths.COLUMNS[:9]  # `rank` numbers the samples
 SHADES = LinearSegmentedColormap.from_list("probability", [(0.0, 0.45, 0.7, 0.0), (0.0, 0.45, 0.7, 0.55), "#00304A"])
@@ -50,8 +50,9 @@ def draw(folder, datasets, methods, shown, forecast_by, samples, seed, stem):
         tables.append(table)
     numbers = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS)
     text = (
-        f"Samples of {methods[shown]} that are still there, each spread by {BANDWIDTH_M:g} m: the person is inside the "
-        f"thick line with a probability of 50 %, inside the thin one with 90 %, if still there. {paths.rule(methods)}"
+        f"Samples of {methods[shown]} that are still there, each spread by 1/{1 / BANDWIDTH:.0f} of the panel's width: "
+        "if still there, the person is inside the thick line with a probability of 50 %, inside the thin one with "
+        f"90 %; p: probability of having left. {paths.rule(methods)}"
     )
     fig.legend(
         handles=_handles(datasets),
@@ -102,7 +103,7 @@ def example(folder, dataset, methods, method, samples, seed):
 def forecast_again(folder, file, dataset, method, track, samples, seed):
     """The `Forecast` of one track with `samples` futures at least; files keep fewer."""
     options, kind = method["options"], method["kind"]
-    exits = folder / "maps/exits.parquet" if "sampling_radius_m" in options and options["exits"] else None
+    exits = folder / "maps/exits.parquet" if kind in SAMPLED and options["exits"] else None
     forecaster = make_forecaster(kind, options, dataset, map_path(folder / "maps", kind), exits)
     tracks = read_tracks(file)
     tracks = tracks.take(tracks.track_id == track.track_id)
@@ -119,9 +120,10 @@ def _rows(what, xy, step_s):
 
 def _panel(ax, dataset, table, moment_s, left):
     samples = table[table["what"] == "sample"]
-    low, high = np.percentile(samples[["x_m", "y_m"]].to_numpy(float), (2, 98), axis=0)
     known = [paths.one_path(table, what) for what in ("observed", "truth", "median")]
-    paths.frame(ax, dataset, np.vstack([low - BANDWIDTH_M, high + BANDWIDTH_M, *known]), dataset["horizon_s"])
+    for _, some in samples.groupby("step_s"):  # but for a few far away
+        known.append(np.percentile(some[["x_m", "y_m"]].to_numpy(float), (2, 98), axis=0))
+    paths.frame(ax, dataset, np.vstack(known), dataset["horizon_s"])
     now = samples.loc[samples["step_s"] == moment_s, ["x_m", "y_m"]].to_numpy(float)
     extent = (*sorted(ax.get_xlim()), *sorted(ax.get_ylim()))
     _draw_density(ax, now, extent)
@@ -132,7 +134,7 @@ def _panel(ax, dataset, table, moment_s, left):
     ax.plot(*median[["x_m", "y_m"]].iloc[-1], marker="o", markersize=3.5, **MEDIAN)
     there = table[(table["what"] == "truth") & np.isclose(table["step_s"], moment_s)]
     ax.plot(there["x_m"], there["y_m"], **paths.TRUTH_END)
-    ax.set_title(f"{dataset['title']}, after {moment_s:g} s: {100 * left:.0f} % have left")
+    ax.set_title(f"{dataset['title']}, {moment_s:g} s: has left with p = {left:.2f}")
 
 
 def _draw_density(ax, positions, extent):
@@ -140,12 +142,13 @@ def _draw_density(ax, positions, extent):
     inside = (positions >= [x_low, y_low]) & (positions <= [x_high, y_high])
     if not inside.all(axis=1).any():
         return
-    p = density(positions, extent, CELL_M, BANDWIDTH_M)
+    cell_m = (x_high - x_low) / CELLS
+    p = density(positions, extent, cell_m, BANDWIDTH * (x_high - x_low))
     rows, columns = p.shape
-    covered = (x_low, x_low + columns * CELL_M, y_low, y_low + rows * CELL_M)
+    covered = (x_low, x_low + columns * cell_m, y_low, y_low + rows * cell_m)
     limits = ax.get_xlim(), ax.get_ylim()
     ax.imshow(p, origin="lower", extent=covered, cmap=SHADES, interpolation="bilinear", zorder=1.5)
-    x, y = x_low + CELL_M * (np.arange(columns) + 0.5), y_low + CELL_M * (np.arange(rows) + 0.5)
+    x, y = x_low + cell_m * (np.arange(columns) + 0.5), y_low + cell_m * (np.arange(rows) + 0.5)
     ax.contour(x, y, p, [level_that_holds(p, share) for share in SHARES], zorder=3, **CONTOUR)
     ax.set(xlim=limits[0], ylim=limits[1])
 

@@ -66,7 +66,7 @@ def calibration(expected, real):
 
 def reliability(probability, happened):
     """Probabilities and what happened (0 or 1), [tracks], in `BINS` equally wide bins of probability."""
-    place = np.minimum((probability * BINS).astype(int), BINS - 1)
+    place = np.minimum((probability * BINS + 1e-6).astype(int), BINS - 1)  # stored in single precision
     return _in_bins(probability, happened, [np.flatnonzero(place == number) for number in range(BINS)])
 
 
