@@ -112,7 +112,8 @@ def test_distributions_are_those_of_the_run_s_forecasts(tiny_run):
     for (dataset, recording, track), samples in first.groupby(["dataset", "recording", "track_id"]):
         file = tiny_run.folder / f"results/tiny/{dataset}/forecasts/tc_cliff/{recording}.parquet"
         _, ids, forecast = next(iter(read_forecasts(file)))
-        stored = forecast.xy[np.flatnonzero(ids == track)[0], samples["rank"] - 1, samples["step_s"].astype(int) - 1]
+        future, step = (samples[name].to_numpy(int) - 1 for name in ("rank", "step_s"))
+        stored = forecast.xy[np.flatnonzero(ids == track)[0], future, step]
         np.testing.assert_allclose(samples[["x_m", "y_m"]], stored, rtol=1e-5)
 
 

@@ -46,7 +46,7 @@ def draw(folder, datasets, methods, shown, forecast_by, samples, seed, stem):
             continue
         for ax, step in zip(line, moments(dataset), strict=True):
             _panel(ax, dataset, table, step * dataset["time_step_s"], left[step])
-        line[1].set_title(f"{text}\n{line[1].get_title()}")
+        line[1].set_title(f"{dataset['title']}, {text}\n{line[1].get_title()}")
         tables.append(table)
     numbers = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS)
     text = (
@@ -134,7 +134,7 @@ def _panel(ax, dataset, table, moment_s, left):
     ax.plot(*median[["x_m", "y_m"]].iloc[-1], marker="o", markersize=3.5, **MEDIAN)
     there = table[(table["what"] == "truth") & np.isclose(table["step_s"], moment_s)]
     ax.plot(there["x_m"], there["y_m"], **paths.TRUTH_END)
-    ax.set_title(f"{dataset['title']}, {moment_s:g} s: has left with p = {left:.2f}")
+    ax.set_title(f"after {moment_s:g} s: has left with p = {left:.2f}")
 
 
 def _draw_density(ax, positions, extent):
