@@ -15,6 +15,7 @@ import yaml
 from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.cleaning import RULES
 from modlhmp.floor_plan import image_of
+from modlhmp.maps import KINDS as MAP_KINDS
 from modlhmp.maps import SAMPLED
 from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.storage import DataError
@@ -79,6 +80,7 @@ def check_config(config, datasets_folder):
         "compare": config["compare"],
         "studies.method": [config["studies"]["method"]],
         "studies.training.methods": config["studies"]["training"]["methods"],
+        "uncertainty.methods": config["uncertainty"]["methods"],
         "comparisons": [name for pair in config["comparisons"] for name in pair],
         "ladder.reference": [ladder["reference"]],
         "ladder.rows": [method for method, _ in ladder["rows"]],
@@ -103,6 +105,12 @@ def check_config(config, datasets_folder):
     studied = config["studies"]["method"]
     if config["methods"][studied]["kind"] not in SAMPLED:
         raise DataError(f"configuration, studies.method: {studied} has no map to sample, so neither beta nor r_s")
+    for name in config["uncertainty"]["methods"]:
+        if config["methods"][name]["kind"] not in MAP_KINDS:
+            raise DataError(
+                f"configuration, uncertainty.methods: {name} has no samples to score; methods that have are of the "
+                f"kinds {', '.join(MAP_KINDS)}"
+            )
     known = sorted(file.stem for file in Path(datasets_folder).glob("*.yaml"))
     for name in config["datasets"]:
         if name not in known:

@@ -200,6 +200,23 @@ def test_a_network_s_settings_are_its_budget_s_and_its_own(config, schemas):
     assert method_settings(config, "stef")["options"] == config["rollout"]
 
 
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("snipets", "no method named 'snipets'; did you mean 'snippets'"),
+        ("cvm", "cvm has no samples to score"),
+        ("mid", "mid has no samples to score"),
+        ("both", "both has no samples to score; methods that have are of the kinds cliff, tc_cliff"),
+    ],
+)
+def test_only_methods_with_samples_are_measured(config, config_folder, name, message):
+    """Maps have them; constant velocity, networks and averages have not."""
+    config["methods"]["both"] = {"kind": "average", "title": "Both", "options": {"of": ["cvm", "episodes"]}}
+    config["uncertainty"]["methods"] = ["stef", name]
+    with pytest.raises(DataError, match=f"uncertainty.methods: {message}"):
+        check_config(config, config_folder / "datasets")
+
+
 def test_all_problems_are_told_at_once(config, schemas):
     config["rollout"]["k"] = 0
     config["sedes"] = config.pop("seeds")

@@ -58,7 +58,9 @@ def own(project):
 OWN = ("--cores", 2, "--configfile", "own.yaml")
 
 
-@pytest.mark.parametrize("overlays", [(), ("real",), ("paper",), ("tiny",), ("real", "choices"), ("real", "validation")])
+@pytest.mark.parametrize(
+    "overlays", [(), ("real",), ("paper",), ("tiny",), ("real", "choices"), ("real", "validation")]
+)
 def test_every_shipped_configuration_plans(project, overlays):
     """A dry run at the root plans jobs, with recordings or without."""
     files = [f"config/{overlay}.yaml" for overlay in overlays]
@@ -76,6 +78,7 @@ def test_every_shipped_configuration_plans(project, overlays):
         ("methods={cliff: {kind: clif}}", "'clif' is not one of"),
         ("rollout={speed: fast}", "'fast' is not one of"),
         ("seeds=[]", "non-empty"),
+        ("uncertainty={methods: [cvm]}", "uncertainty.methods: cvm has no samples to score"),
         ("comparisons=[[cliff, lstn]]", "no method named 'lstn'; did you mean 'lstm'"),
         ("datasets=[demo_hall, demo_hall]", "non-unique"),
         ("seeds=[0]", "belong in a file"),
@@ -172,7 +175,8 @@ def test_one_method_without_a_map_and_a_floor_plan(own):
     own.snakemake(*OWN)
     exhibits = {file.name for file in (own.folder / "paper_figures/own").iterdir()}
     assert {"own_final.png", "coverage.png", "prediction_example.pdf", "rank.png", "claims.md"} <= exhibits
-    assert not [name for name in exhibits if name.startswith(("cliff-", "stef-", "parameter-", "rank-metrics"))]
+    of_maps = ("cliff-", "stef-", "parameter-", "rank-metrics", "tab_uncertainty", "calibration", "density")
+    assert not [name for name in exhibits if name.startswith(of_maps)]
     assert not (own.folder / "results/own/own/maps").exists()
     results = pd.read_csv(own.folder / "paper_figures/own/results.csv")
     last = results[(results["horizon_s"] == 30) & (results["protocol"] == "complete")].iloc[0]

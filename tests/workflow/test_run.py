@@ -11,14 +11,15 @@ import pytest
 from PIL import Image
 from project import ROOT, Project
 
+from modlhmp.forecasting import read_forecasts
 from modlhmp.paper import style
 from modlhmp.scoring.summary import COLUMNS
 from modlhmp.storage import read_metadata
 
 TINY = ("--configfile", "config/tiny.yaml")
-TABLES = ("tab_scenarios", "tab_expres", "tab_ttests", "claims", "tab_models")
+TABLES = ("tab_scenarios", "tab_expres", "tab_ttests", "tab_uncertainty", "claims", "tab_models")
 FIGURES = (
-    *("rank", "prediction_example", "rank-metrics", "coverage", "learning-curves"),
+    *("rank", "prediction_example", "rank-metrics", "coverage", "calibration", "density", "learning-curves"),
     *(
         name.format(label)
         for label in ("atc", "edin")
@@ -91,6 +92,29 @@ def test_the_study_s_default_is_the_table_s(tiny_run):
             same = main[(main["dataset"] == dataset) & (main["protocol"] == row["protocol"])]
             same = same[same["horizon_s"] == row["horizon_s"]].iloc[0]
             np.testing.assert_equal([row["ade_m"], row["n"]], [same["ade_m"], same["n"]])
+
+
+def test_distributions_are_those_of_the_run_s_forecasts(tiny_run):
+    """Forecast again with more futures: the output's error is the results', the first futures are the stored ones."""
+    exhibits = tiny_run.folder / "paper_figures/tiny"
+    results = pd.read_csv(exhibits / "results.csv")
+    results = results[(results["output"] == "ranked") & (results["protocol"] == "complete")]
+    table = pd.read_csv(exhibits / "tab_uncertainty.csv", na_values="–")
+    assert set(table["method"]) == {"TC-CLiFF"}  # of the methods listed, the one that is compared
+    assert table["horizon [s]"].tolist() == [5, 10, 20, 30, 60, 5, 10, 20]
+    names = {"Demo hall": "demo_hall", "Demo forum": "demo_forum"}
+    for _, row in table.iterrows():
+        same = results[(results["dataset"] == names[row["dataset"]]) & (results["method"] == "tc_cliff")]
+        same = same[same["horizon_s"] == row["horizon [s]"]].iloc[0]
+        assert (row["real error [m]"], row["n"]) == (pytest.approx(same["fde_m"], abs=6e-4), same["n"])
+    shown = pd.read_csv(exhibits / "density.csv")
+    first = shown[(shown["what"] == "sample") & (shown["rank"] <= 5)]
+    for (dataset, recording, track), samples in first.groupby(["dataset", "recording", "track_id"]):
+        file = tiny_run.folder / f"results/tiny/{dataset}/forecasts/tc_cliff/{recording}.parquet"
+        _, ids, forecast = next(iter(read_forecasts(file)))
+        future, step = (samples[name].to_numpy(int) - 1 for name in ("rank", "step_s"))
+        stored = forecast.xy[np.flatnonzero(ids == track)[0], future, step]
+        np.testing.assert_allclose(samples[["x_m", "y_m"]], stored, rtol=1e-5)
 
 
 def test_every_claim_has_a_verdict(tiny_run):
@@ -184,6 +208,8 @@ def test_report_holds_the_exhibits(tiny_run):
         ("paper/stef_hours.py", {"figure_stef_hours", "figure_mod_comparison", "all"}),
         ("paper/claims.py", {"table_claims", "all"}),
         ("paper/tables.py", {"table_parameters", "table_results", "table_ttests", "all"}),
+        ("scoring/reliability.py", {"table_uncertainty", "figure_calibration", "all"}),
+        ("paper/density_maps.py", {"figure_density", "all"}),
         ("scoring/studies.py", {"study_parameter", "figure_parameters", "table_claims", "all"}),
         ("scoring/runtime.py", set()),  # a target of its own
         ("logs.py", set()),  # how jobs report

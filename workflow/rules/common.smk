@@ -169,21 +169,27 @@ def method_of(dataset, name):
     return method_settings(config, name, DATASETS[dataset]["tuned"])
 
 
+def map_of(dataset, name):
+    """The map that a method needs, nothing for one without."""
+    kind = METHODS[name]["kind"]
+    return map_path(f"results/{RUN}/{dataset}/maps", kind) if kind in MAP_KINDS else []
+
+
+def exits_of(dataset, name):
+    """The ways out, for a method that samples its map and uses them."""
+    method = method_of(dataset, name)
+    uses = method["kind"] in SAMPLED and method["options"]["exits"]
+    return f"results/{RUN}/{dataset}/maps/exits.parquet" if uses else []
+
+
 def method_map(wildcards):
-    """Input function: the map that a method needs, nothing for one without."""
-    kind = METHODS[wildcards.method]["kind"]
-    return (
-        map_path(f"results/{RUN}/{wildcards.dataset}/maps", kind)
-        if kind in MAP_KINDS
-        else []
-    )
+    """Input function: `map_of` the method that the wildcards name."""
+    return map_of(wildcards.dataset, wildcards.method)
 
 
 def method_exits(wildcards):
-    """Input function: the ways out, for a method that samples its map and uses them."""
-    method = method_of(wildcards.dataset, wildcards.method)
-    uses = method["kind"] in SAMPLED and method["options"]["exits"]
-    return f"results/{RUN}/{wildcards.dataset}/maps/exits.parquet" if uses else []
+    """Input function: `exits_of` the method that the wildcards name."""
+    return exits_of(wildcards.dataset, wildcards.method)
 
 
 def dataset_of_label(label):
@@ -230,6 +236,7 @@ TABLES = {
     "tab_scenarios": "parameters",
     "tab_expres": "results",
     "tab_ttests": "t-tests",
+    "tab_uncertainty": "distributions",
     "claims": "the paper's claims, tested",
     "tab_models": "trained networks",
 }

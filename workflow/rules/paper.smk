@@ -199,6 +199,7 @@ rule tables:
         rules.table_claims.output,
         MODEL_TABLES,
         [] if not RUNGS else expand(rules.table_ladder.output, label=LABELS),
+        UNCERTAINTY_TABLES,
 
 
 rule figures:
@@ -209,6 +210,7 @@ rule figures:
         FORECAST_FIGURES,
         MODEL_FIGURES,
         rules.figure_ladder.output if RUNGS else [],
+        UNCERTAINTY_FIGURES,
         rules.figure_coverage.output,
         rules.figure_runtime.output if measured_runtimes(None) else [],
         rules.figure_ranking.output if "tc_cliff" in TITLES else [],

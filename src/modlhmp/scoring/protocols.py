@@ -30,10 +30,9 @@ def score(forecast, truth, eligible_steps, infeasible=None):
     if infeasible is not None:
         values["infeasible"] = infeasible.astype(np.float32)
     horizon = np.arange(1, truth.shape[1] + 1)
-    lived = np.minimum(forecast.steps_alive[:, :, None], horizon)
     chosen_by = {
-        "paper": lived == horizon,
-        "complete": lived == lived.max(axis=1, keepdims=True),
+        "paper": forecast.steps_alive[:, :, None] >= horizon,
+        "complete": longest_lived(forecast.steps_alive, len(horizon)),
     }
     everyone = {"paper": chosen_by["paper"], "complete": np.ones_like(chosen_by["complete"])}
     scores = {}
@@ -52,6 +51,12 @@ def score(forecast, truth, eligible_steps, infeasible=None):
             unknown = {m: np.full(missing.shape, np.nan) for m in values.keys() - path.keys()}  # walls: of futures only
             scores["mean_path", protocol] = {**path, **unknown}
     return scores
+
+
+def longest_lived(steps_alive, steps):
+    """Which of the futures [n, k] have lived longest at each of `steps` horizons, bool [n, k, T]."""
+    lived = np.minimum(steps_alive[:, :, None], np.arange(1, steps + 1))
+    return lived == lived.max(axis=1, keepdims=True)
 
 
 def _pick(values, best, outside):

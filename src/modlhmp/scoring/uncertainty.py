@@ -1,0 +1,148 @@
+"""How good a forecast is as a distribution: energy score, best of a few, the error it expects, who will have left.
+
+Energy score: T. Gneiting, A. Raftery, J. Am. Stat. Assoc. 102, 2007, in the form that does not depend on the number of
+samples: C. Ferro, Q. J. R. Meteorol. Soc. 140, 2014.
+"""
+
+import numpy as np
+import pyarrow as pa
+from numba import njit
+
+from modlhmp.forecasting import forecast_recording
+from modlhmp.forecasting.observe import usable_tracks
+from modlhmp.forecasting.ranking import most_likely
+from modlhmp.scoring.errors import displacement_errors, ground_truth
+from modlhmp.scoring.protocols import longest_lived
+from modlhmp.scoring.summary import nan_mean
+from modlhmp.tracks import runs
+
+SAMPLES = 40  # of a distribution, so that every method is judged by as many
+BEST_OF = 5
+TRACKS_AT_ONCE = 250  # whose futures are in memory together
+MEASURES = ("energy_m", "best_ade_m", "best_fde_m", "expected_m", "real_m", "samples", "left", "has_left")
+
+
+def measure(tracks, forecaster, dataset, names, k, samples, seeds, horizons_s):
+    """Forecast a recording with many samples and score their distribution; yields tables as of `score_samples`.
+
+    `k` is the method's own number of futures, `samples` how many are drawn at least; the other arguments are those of
+    `forecast_recording`. Forecasts do not depend on which tracks are forecast together, so a few are at a time.
+    """
+    rows = usable_tracks(tracks, dataset["observed_rows"])
+    for start in range(0, len(rows), TRACKS_AT_ONCE):
+        first, last = rows[start : start + TRACKS_AT_ONCE].T
+        some = tracks.take(runs(first, last - first + 1))
+        forecasts = forecast_recording(some, forecaster, dataset, names, max(k, samples), seeds)
+        yield score_samples(some, forecasts, names[-1], dataset, k, horizons_s)
+
+
+def score_samples(tracks, forecasts, recording, dataset, k, horizons_s):
+    """The `MEASURES` of one method's forecasts of one recording; a table, one row a track and seed.
+
+    `forecasts` yields (seed, track_ids, `Forecast`). Each measure is a list over `horizons_s`, NaN where the track is
+    shorter: `energy_m` the energy score, `best_ade_m` and `best_fde_m` the best of the first five futures,
+    `expected_m` and `real_m` the distance of the method's own output from its samples and from the truth, all in m;
+    `samples` how many the distribution has. `left` is the probability that the person has left by then, `has_left`
+    (0 or 1) whether they had; these two are known for every track.
+    """
+    rows = usable_tracks(tracks, dataset["observed_rows"])
+    step_s = dataset["time_step_s"]
+    steps = np.rint(np.asarray(horizons_s) / step_s).astype(int)
+    truth, length = ground_truth(tracks, rows, dataset["observed_rows"], round(dataset["horizon_s"] / step_s), step_s)
+    tables = []
+    for seed, track_ids, forecast in forecasts:
+        values = measures(forecast, truth, length, k, steps)
+        of = {"recording": pa.array(np.full(len(rows), recording)).dictionary_encode(), "track_id": track_ids}
+        lists = {
+            name: pa.FixedSizeListArray.from_arrays(pa.array(one.ravel()), len(steps)) for name, one in values.items()
+        }
+        tables.append(pa.table({**of, "seed": np.full(len(rows), seed, np.int32), **lists}))
+    return pa.concat_tables(tables).unify_dictionaries()
+
+
+def measures(forecast, truth, length, k, steps):
+    """{measure: [n, H] float32} after each of `steps` [H]; `truth` [n, T, 2], `length` [n] steps of it."""
+    xy, steps_alive = samples_of(forecast)
+    output, repeated = own_output(forecast, k), repeats(xy, steps_alive)
+    best = dict(zip(("best_ade_m", "best_fde_m"), displacement_errors(xy[:, :BEST_OF], truth), strict=True))
+    found = {name: np.full((len(truth), len(steps)), np.nan, np.float32) for name in MEASURES}
+    for column, step in enumerate(steps):
+        points, at = still_there(xy, steps_alive, repeated, step), truth[:, step - 1]
+        now = {
+            "energy_m": energy_score(points, at),
+            **{name: one[:, :, step - 1].min(axis=1) for name, one in best.items()},
+            "expected_m": nan_mean(distance(points, output[:, None, step - 1]), axis=1),
+            "real_m": distance(output[:, step - 1], at),
+            "samples": np.isfinite(points[..., 0]).sum(axis=1),
+        }
+        for name, one in now.items():
+            found[name][:, column] = np.where(length >= step, one, np.nan)
+        found["left"][:, column] = (steps_alive < step).mean(axis=1)
+        found["has_left"][:, column] = length < step
+    return found
+
+
+def samples_of(forecast):
+    """The futures that are samples, `xy` [n, m, T, 2] and `steps_alive` [n, m]: all but a median."""
+    first = 1 if forecast.output == "median" else 0
+    return forecast.xy[:, first:], forecast.steps_alive[:, first:]
+
+
+def own_output(forecast, k):
+    """The path [n, T, 2] that the method gives as its one result, ranked at each step among its first `k` futures."""
+    if forecast.output != "ranked":
+        return forecast.xy[:, 0]
+    own = forecast.first(k)
+    best = most_likely(own.log_fitness, longest_lived(own.steps_alive, own.xy.shape[2]))
+    return np.take_along_axis(own.xy, best[:, None, :, None], axis=1)[:, 0]
+
+
+def still_there(xy, steps_alive, repeated, step, most=SAMPLES):
+    """The distribution after `step` steps: positions [n, `most`, 2], NaN where there are fewer.
+
+    They are those of the first samples that are still alive, given that the person is still there; where none is, the
+    held ones of the first samples. `repeated` [n, m] samples do not count.
+    """
+    counted = (steps_alive >= step) & ~repeated
+    counted = np.where(counted.any(axis=1, keepdims=True), counted, ~repeated)
+    first = np.argsort(~counted, axis=1, kind="stable")[:, :most]
+    points = np.take_along_axis(xy[:, :, step - 1], first[..., None], axis=1).astype(np.float64)
+    points[~np.take_along_axis(counted, first, axis=1)] = np.nan
+    return points
+
+
+@njit(cache=True)
+def repeats(xy, steps_alive):
+    """Which samples are an earlier one again, the whole way, bool [n, m]."""
+    n, m, _, _ = xy.shape
+    repeated = np.zeros((n, m), np.bool_)
+    for i in range(n):
+        for j in range(m):
+            for earlier in range(j):
+                if steps_alive[i, j] == steps_alive[i, earlier] and _same(xy[i, j], xy[i, earlier]):
+                    repeated[i, j] = True
+                    break
+    return repeated
+
+
+@njit(cache=True)
+def _same(path, other):
+    for step in range(len(path) - 1, -1, -1):  # from the end, where two paths are likeliest to differ
+        if path[step, 0] != other[step, 0] or path[step, 1] != other[step, 1]:
+            return False
+    return True
+
+
+def energy_score(points, truth):
+    """Energy score [n] in m of samples [n, m, 2] (NaN: none) for what happened, `truth` [n, 2]; lower is better.
+
+    Mean distance from the truth less half the mean distance between two different samples; one sample's is its error.
+    """
+    number = np.isfinite(points[..., 0]).sum(axis=1)
+    between = np.nansum(distance(points[:, :, None], points[:, None]), axis=(1, 2))
+    return nan_mean(distance(points, truth[:, None]), axis=1) - between / np.maximum(2 * number * (number - 1), 1)
+
+
+def distance(a, b):
+    """Distance [m] between positions [..., 2]."""
+    return np.hypot(a[..., 0] - b[..., 0], a[..., 1] - b[..., 1])

@@ -1,0 +1,32 @@
+"""Rule measure_uncertainty."""
+
+import pyarrow as pa
+from tqdm import tqdm
+
+from modlhmp.forecasting import UNSEEDED, make_forecaster
+from modlhmp.logs import job_log
+from modlhmp.scoring.summary import scored_horizons
+from modlhmp.scoring.uncertainty import measure
+from modlhmp.storage import DataError, provenance, write_parquet
+from modlhmp.tracks import read_tracks
+
+with job_log(snakemake.log[0]) as log:
+    params, names = snakemake.params, snakemake.wildcards
+    method, dataset = params.method, params.dataset
+    forecaster = make_forecaster(
+        method["kind"], method["options"], dataset, snakemake.input.get("map"), snakemake.input.get("exits")
+    )
+    seeds = params.seeds[:1] if method["kind"] in UNSEEDED else params.seeds
+    horizons = scored_horizons(params.horizons, dataset) or [dataset["horizon_s"]]
+    tables = []
+    for name, file in zip(params.recordings, tqdm(snakemake.input.tracks, mininterval=2.0), strict=True):
+        keyed_by = (names.dataset, names.method, name)
+        parts = measure(
+            read_tracks(file), forecaster, dataset, keyed_by, method["options"]["k"], params.samples, seeds, horizons
+        )
+        tables.extend(parts)
+    if not tables:
+        rows = dataset["observed_rows"] + 1
+        raise DataError(f"{names.dataset}: no test track has {rows} rows without a gap over 5 s to measure")
+    origin = provenance(dict(names), dict(params), snakemake.input)
+    write_parquet(pa.concat_tables(tables).unify_dictionaries(), snakemake.output[0], **origin, horizons_s=horizons)
