@@ -33,6 +33,7 @@ DATASET_DEFAULTS = {
     "difference_weights": [0.48, 0.33, 0.19],
     "tuned": {},
 }
+THINNED = ("cliff", "episodes", "snippets")
 VALIDATION_DAYS = 0.3
 AVERAGED = ("cvm", "episodes", "snippets", *(kind for kind in LEARNED_KINDS if kind != "mid"))
 _READER_NEEDS = {
@@ -74,40 +75,57 @@ def _explain(error):
 
 def check_config(config, datasets_folder):
     """Checks that a schema cannot say: names that must exist elsewhere in the configuration."""
-    for name in config["compare"]:
-        if name not in config["methods"]:
-            raise DataError(_unknown("compare", "method", name, config["methods"]))
+    ladder = config["ladder"]
+    named = {
+        "compare": config["compare"],
+        "studies.method": [config["studies"]["method"]],
+        "studies.training.methods": config["studies"]["training"]["methods"],
+        "uncertainty.methods": config["uncertainty"]["methods"],
+        "comparisons": [name for pair in config["comparisons"] for name in pair],
+        "ladder.reference": [ladder["reference"]],
+        "ladder.rows": [method for method, _ in ladder["rows"]],
+        "ladder.beside": [name for *pair, _ in ladder["beside"] for name in pair],
+    }
+    for name in config["methods"]:
         for member in members(config, name):
-            if member not in config["compare"]:
-                raise DataError(
-                    _unknown(f"methods.{name}.options.of", "method of `compare`", member, config["compare"])
-                )
+            if member not in config["methods"]:
+                raise DataError(_unknown(f"methods.{name}.options.of", "method", member, config["methods"]))
             if config["methods"][member]["kind"] not in AVERAGED:
                 raise DataError(
                     f"configuration, methods.{name}.options.of: {member} has no single path to be averaged; "
                     f"kinds that have are {', '.join(AVERAGED)}"
                 )
+    for key, names in named.items():
+        for name in names:
+            if name not in config["methods"]:
+                raise DataError(_unknown(key, "method", name, config["methods"]))
+    for name in config["studies"]["training"]["methods"]:
+        if config["methods"][name]["kind"] not in THINNED:
+            raise DataError(f"configuration, studies.training: {name} is not of a kind {', '.join(THINNED)}")
     studied = config["studies"]["method"]
-    if studied not in config["methods"]:
-        raise DataError(_unknown("studies.method", "method", studied, config["methods"]))
     if config["methods"][studied]["kind"] not in SAMPLED:
         raise DataError(f"configuration, studies.method: {studied} has no map to sample, so neither beta nor r_s")
     for name in config["uncertainty"]["methods"]:
-        if name not in config["methods"]:
-            raise DataError(_unknown("uncertainty.methods", "method", name, config["methods"]))
         if config["methods"][name]["kind"] not in MAP_KINDS:
             raise DataError(
                 f"configuration, uncertainty.methods: {name} has no samples to score; methods that have are of the "
                 f"kinds {', '.join(MAP_KINDS)}"
             )
-    for pair in config["comparisons"]:
-        for name in pair:
-            if name not in config["methods"]:
-                raise DataError(_unknown("comparisons", "method", name, config["methods"]))
     known = sorted(file.stem for file in Path(datasets_folder).glob("*.yaml"))
     for name in config["datasets"]:
         if name not in known:
             raise DataError(_unknown("datasets", "dataset", name, known))
+
+
+def methods_run(config):
+    """Names of all methods that a run needs: those compared, those of the ladder, and those that others average."""
+    ladder = config["ladder"]
+    names = [*config["compare"], *(method for method, _ in ladder["rows"])]
+    if ladder["rows"]:
+        names += [ladder["reference"], *(name for *pair, _ in ladder["beside"] for name in pair)]
+    for name in names:  # grows while it is read
+        names += [member for member in members(config, name) if member not in names]
+    return list(dict.fromkeys(names))
 
 
 def members(config, name):
@@ -116,14 +134,17 @@ def members(config, name):
     return method.get("options", {}).get("of", []) if method["kind"] == "average" else []
 
 
-def method_settings(config, name, tuned=()):
+def method_settings(config, name, tuned=None):
     """All that a method's forecasts depend on: its `kind` and `options`, for a learned one also `learned`.
 
     Options come from the configuration's section for its kind (`rollout` for maps that are sampled, `episodes`,
-    `snippets`, the budget's for networks); the method's own `options` win, and over them those that a dataset file
-    has `tuned` for it. A learned method's may also name another `budget` or kind of `futures`.
+    `snippets`, the budget's for networks), then from what a dataset file has `tuned` for the kind; the method's own
+    `options` win, and over them what is `tuned` for the method itself. A learned method's may also name another
+    `budget` or kind of `futures`.
     """
-    kind, own = config["methods"][name]["kind"], {**config["methods"][name].get("options", {}), **dict(tuned)}
+    tuned = tuned or {}
+    kind = config["methods"][name]["kind"]
+    own = {**tuned.get(kind, {}), **config["methods"][name].get("options", {}), **tuned.get(name, {})}
     if kind in LEARNED_KINDS:
         learned = {key: own.get(key, value) for key, value in config["learned"].items() if key != "threads"}
         sizes = {key: value for key, value in own.items() if key not in learned}
@@ -173,14 +194,15 @@ def validation_part(dataset):
 
 
 def check_tuned(datasets, config, schema):
-    """Options that dataset files have `tuned` must be of methods that exist, and ones that these take."""
+    """Options that dataset files have `tuned` must be of a kind or method that exists, and ones that it takes."""
+    kinds = {method["kind"]: {"kind": method["kind"], "title": ""} for method in config["methods"].values()}
+    known = {**kinds, **config["methods"]}
     for dataset in datasets.values():
         for name, options in dataset["tuned"].items():
             source = f"config/datasets/{dataset['name']}.yaml, tuned"
-            if name not in config["methods"]:
-                raise DataError(_unknown(source, "method", name, config["methods"]))
-            method = config["methods"][name]
-            merged = {**method, "options": {**method.get("options", {}), **options}}
+            if name not in known:
+                raise DataError(_unknown(source, "kind or method", name, known))
+            merged = {**known[name], "options": {**known[name].get("options", {}), **options}}
             check({**config, "methods": {**config["methods"], name: merged}}, schema, source)
 
 

@@ -5,7 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modlhmp.cleaning import RULES, backward_differences, clean_recording, interpolate
+from modlhmp.cleaning import (
+    BLOCK_S,
+    RULES,
+    VALIDATION_SHARE,
+    backward_differences,
+    clean_recording,
+    held_out,
+    interpolate,
+)
 from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks, circular_difference, concatenate, empty_tracks
 
@@ -221,7 +229,7 @@ def test_backward_differences_of_steady_walking(n, direction, pace):
 # --- a whole recording --------------------------------------------------------------------------------------
 
 
-def clean(write, content, **changes):
+def clean(write, content, part=None, **changes):
     dataset = {
         "reader": "delimited",
         "timezone": "UTC",
@@ -230,7 +238,7 @@ def clean(write, content, **changes):
         "cleaning": ["single_row", "gap_over_5s"],
         **changes,
     }
-    return clean_recording(write(content), dataset, {"day": "1970-01-01"})
+    return clean_recording(write(content), dataset, {"day": "1970-01-01", "part": part})
 
 
 MIXED = "0,1,0,0\n1,1,1,0\n2,1,2,0\n0,2,5,5\n0,3,0,0\n9,3,1,1\n-5,4,0,0\n0,4,x,0\n0.5,5,0,0\n2,5,3,0\n0,6,0,0\n"
@@ -263,3 +271,78 @@ def test_file_velocities_are_kept_and_positions_not_interpolated(write):
 def test_rules_that_leave_nothing_name_the_file_and_what_they_dropped(write):
     with pytest.raises(DataError, match=r"recording\.csv: cleaning left no track.*min_points.*`cleaning`"):
         clean(write, MIXED, cleaning=[{"min_points": {"points": 50}}])
+
+
+# --- the validation part of a recording ---------------------------------------------------------------------
+
+
+def day(starts):
+    """Tracks of three rows that begin at these seconds."""
+    return concatenate(track(n, start + np.arange(3.0)) for n, start in enumerate(starts))
+
+
+@given(st.lists(st.floats(0, 40_000), min_size=1, max_size=40), st.integers(0, 5))
+def test_tracks_are_held_out_by_the_half_hour_they_begin_in(starts, seed):
+    """About 15 % of the half-hours with people, at least one, with everyone who comes in them."""
+    held = held_out(day(starts), seed)
+    assert held.shape == (len(starts),)
+    blocks = [int(start // BLOCK_S) for start in starts]
+    out = {block for block, one in zip(blocks, held, strict=True) if one}
+    assert [block in out for block in blocks] == held.tolist()
+    assert len(out) == max(round(VALIDATION_SHARE * len(set(blocks))), 1)
+
+
+def test_which_half_hours_are_held_out_is_the_seeds_choice():
+    tracks = day(np.arange(0, 20 * BLOCK_S, 300.0))
+    held = [held_out(tracks, seed) for seed in (0, 0, 1)]
+    np.testing.assert_array_equal(held[0], held[1])
+    assert (held[0] != held[2]).any()
+    assert {part.mean() for part in held} == {0.15}
+
+
+def test_nobody_is_held_out_of_nothing():
+    assert held_out(empty_tracks()).shape == (0,)
+
+
+def hours(number, per_hour=6):
+    """A recording of so many hours, with tracks that the rules drop, as text."""
+    rows = []
+    for n in range(number * per_hour):
+        began = n * 3600 // per_hour
+        rows += [f"{began + s},{n},{s},{n}" for s in range(1 if n % 5 == 4 else 4)]
+    return "\n".join(rows) + "\n"
+
+
+def test_every_clean_track_is_in_exactly_one_part(write):
+    """Those and no others; each part's account adds up, and says how much is in the other."""
+    whole, account = clean(write, hours(10))
+    parts = {part: clean(write, hours(10), part) for part in ("fit", "validation")}
+    ids = {part: set(tracks.track_id) for part, (tracks, _) in parts.items()}
+    assert not ids["fit"] & ids["validation"]
+    assert ids["fit"] | ids["validation"] == set(whole.track_id)
+    assert 0 < len(ids["validation"]) < 0.3 * len(set(whole.track_id))
+    for part, (tracks, own) in parts.items():
+        other = parts["validation" if part == "fit" else "fit"][1]
+        for kind in ("rows", "tracks"):
+            assert own[kind]["read"] == account[kind]["read"]
+            assert own[kind]["read"] == own[kind]["kept"] + sum(own[kind]["dropped"].values())
+            assert own[kind]["dropped"]["other_part"] == other[kind]["kept"]
+            assert own[kind]["dropped"]["single_row"] == account[kind]["dropped"]["single_row"]
+        expected = whole.take(np.isin(whole.track_id, tracks.track_id))
+        for one, column in zip(tracks, expected, strict=True):
+            np.testing.assert_array_equal(one, column)
+
+
+def test_without_a_part_nobody_is_left_out(write):
+    assert "other_part" not in clean(write, hours(3))[1]["tracks"]["dropped"]
+
+
+def test_a_recording_of_one_half_hour_has_nobody_to_fit():
+    """All of it is held out: it is one block."""
+    assert held_out(day([0, 5, 900, 1799])).all()
+
+
+def test_that_nobody_is_left_to_fit_is_told(write):
+    with pytest.raises(DataError, match=r"recording\.csv: cleaning left no track.*other_part"):
+        clean(write, hours(1, per_hour=1), "fit")
+    assert clean(write, hours(1, per_hour=1), "validation")[1]["tracks"]["kept"] == 1

@@ -11,7 +11,7 @@ import yaml
 from modlhmp.cleaning import RULES
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import find_recording, open_raw
-from modlhmp.settings import check, check_config, load_dataset, method_settings
+from modlhmp.settings import check, check_config, check_tuned, load_dataset, members, method_settings, validation_part
 from modlhmp.storage import DataError
 
 ROWS = "0,1,0,0\n1,1,1,0\n2,1,2,0\n"
@@ -239,6 +239,218 @@ def test_an_unknown_name_gets_a_hint(config, config_folder, key, value, message)
     config[key] = value
     with pytest.raises(DataError, match=f"configuration, {key}: {message}"):
         check_config(config, config_folder / "datasets")
+
+
+# --- maps with memory, averages, tuned options --------------------------------------------------------------
+
+
+def averaging(config, *names, compare=True):
+    """The configuration with a method `mean` of these; all are compared."""
+    config["methods"]["mean"] = {"kind": "average", "title": "Mean", "options": {"of": list(names)}}
+    config["compare"] = ["mean", *(dict.fromkeys(name for name in names if compare and name in config["methods"]))]
+    return config
+
+
+@pytest.mark.parametrize("names", [("episodes", "snippets"), ("cvm", "episodes"), ("lstm", "tutr", "snippets")])
+def test_methods_of_one_path_can_be_averaged(config, schemas, config_folder, names):
+    averaging(config, *names)
+    check(config, schemas["config"], "my.yaml")
+    check_config(config, config_folder / "datasets")
+    assert members(config, "mean") == list(names)
+    assert method_settings(config, "mean") == {"kind": "average", "options": {"of": list(names)}}
+
+
+def test_other_methods_average_nothing(config):
+    assert {tuple(members(config, name)) for name in config["methods"]} == {()}
+
+
+@pytest.mark.parametrize("name", ["cliff", "tc_cliff", "stef", "mid"])
+def test_futures_of_equal_standing_have_no_path_to_average(config, config_folder, name):
+    averaging(config, "episodes", name)
+    message = (
+        f"configuration, methods.mean.options.of: {name} has no single path to be averaged; kinds that have are cvm, "
+    )
+    with pytest.raises(DataError, match=message):
+        check_config(config, config_folder / "datasets")
+
+
+def test_an_average_is_not_averaged_again(config, config_folder):
+    averaging(config, "episodes", "snippets")
+    config["methods"]["again"] = {"kind": "average", "title": "Again", "options": {"of": ["mean", "episodes"]}}
+    config["compare"].append("again")
+    with pytest.raises(DataError, match=r"methods\.again\.options\.of: mean has no single path"):
+        check_config(config, config_folder / "datasets")
+
+
+def test_what_is_averaged_must_be_compared(config, config_folder):
+    averaging(config, "episodes", "snippets", compare=False)
+    config["compare"].append("episodes")
+    message = r"methods\.mean\.options\.of: no method of `compare` named 'snippets'; known: mean, episodes"
+    with pytest.raises(DataError, match=message):
+        check_config(config, config_folder / "datasets")
+
+
+def test_a_mistyped_member_gets_a_hint(config, config_folder):
+    averaging(config, "episodes", "snipets")
+    config["compare"].append("snippets")
+    with pytest.raises(DataError, match="named 'snipets'; did you mean 'snippets'"):
+        check_config(config, config_folder / "datasets")
+
+
+@pytest.mark.parametrize(
+    "options", [None, {}, {"of": []}, {"of": ["episodes"]}, {"of": "episodes"}, {"off": ["a", "b"]}]
+)
+def test_an_average_needs_two_members(config, schemas, options):
+    method = {"kind": "average", "title": "Mean", "options": options}
+    config["methods"]["mean"] = {key: value for key, value in method.items() if value is not None}
+    with pytest.raises(DataError, match=r"methods\.mean"):
+        check(config, schemas["config"], "my.yaml")
+
+
+@pytest.mark.parametrize("kind", ["episodes", "snippets"])
+def test_options_of_a_map_with_memory_are_its_sections_and_its_own(config, schemas, kind):
+    config["methods"]["mine"] = {"kind": kind, "title": "Mine", "options": {"k": 3, "pace": 0.5}}
+    check(config, schemas["config"], "my.yaml")
+    assert method_settings(config, kind) == {"kind": kind, "options": config[kind]}
+    assert method_settings(config, "mine") == {"kind": kind, "options": {**config[kind], "k": 3, "pace": 0.5}}
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value"),
+    [
+        ("episodes", "persons", 0),
+        ("episodes", "persons", 1.1),
+        ("episodes", "pace", 2),
+        ("episodes", "reach_m", 0),
+        ("episodes", "k", 0),
+        ("snippets", "kernel_m", 0),
+        ("snippets", "length_s", 0),
+        ("snippets", "most", 0),
+        ("snippets", "exits", "no"),
+        ("snippets", "heading_m", -1),
+        ("rollout", "output", "median"),
+        ("rollout", "velocity", "speeds"),
+        ("rollout", "exits", 1),
+    ],
+)
+def test_a_wrong_option_of_the_new_methods_is_named(config, schemas, section, key, value):
+    config[section][key] = value
+    with pytest.raises(DataError, match=f"my.yaml:\n.*{section}.{key}: .*{value}"):
+        check(config, schemas["config"], "my.yaml")
+
+
+@pytest.mark.parametrize(("kind", "wrong"), [("episodes", "kernel_m"), ("snippets", "reach_m"), ("cvm", "k")])
+def test_options_of_one_map_with_memory_are_not_the_others(config, schemas, kind, wrong):
+    config["methods"]["mine"] = {"kind": kind, "title": "Mine", "options": {wrong: 1}}
+    with pytest.raises(DataError, match=f"methods.mine.options: unknown key '{wrong}'"):
+        check(config, schemas["config"], "my.yaml")
+
+
+@pytest.mark.parametrize("name", ["episodes", "snippets", "cliff", "cvm", "tutr"])
+def test_tuned_options_win(config, name):
+    """Over a method's own, and these over the section's or budget's; the rest stays."""
+    own = {"cvm": "velocity", "tutr": "epochs"}.get(name, "k")
+    config["methods"][name]["options"] = {own: 1}
+    plain = method_settings(config, name)
+    assert plain["options"][own] == 1
+    tuned = method_settings(config, name, {own: 2})
+    assert tuned == {**plain, "options": {**plain["options"], own: 2}}
+    assert config["methods"][name]["options"] == {own: 1}, "of other datasets they stay as they were"
+
+
+def tuned(**options):
+    return {"mine": {"name": "mine", "tuned": options}}
+
+
+def test_tuned_options_that_a_method_takes_are_accepted(config, schemas):
+    datasets = tuned(snippets={"kernel_m": 0.7, "exits": False}, cvm={"velocity": "differences"}, lstm={"epochs": 3})
+    before = copy.deepcopy(config)
+    check_tuned(datasets, config, schemas["config"])
+    assert config == before
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        ({"snipets": {"k": 3}}, ["no method named 'snipets'; did you mean 'snippets'"]),
+        ({"snippets": {"kernel": 3}}, ["methods.snippets.options: unknown key 'kernel', did you mean 'kernel_m'"]),
+        ({"snippets": {"kernel_m": 0}}, ["methods.snippets.options.kernel_m", "0"]),
+        ({"cliff": {"reach_m": 3}}, ["methods.cliff.options: unknown key 'reach_m'"]),
+    ],
+)
+def test_tuned_options_that_are_none_are_refused(config, schemas, options, parts):
+    with pytest.raises(DataError) as error:
+        check_tuned(tuned(**options), config, schemas["config"])
+    for part in ("config/datasets/mine.yaml, tuned", *parts):
+        assert part in str(error.value)
+
+
+def test_a_dataset_file_can_hold_tuned_options(load):
+    assert load()["tuned"] == {}
+    assert load(tuned={"snippets": {"k": 7}})["tuned"] == {"snippets": {"k": 7}}
+    refused(load, "tuned.snippets", tuned={"snippets": 7})
+
+
+# --- the validation part ------------------------------------------------------------------------------------
+
+
+def training(*day_numbers):
+    """A dataset of these training days, two recordings each, and a test day."""
+    listed = [(f"{day}{half}", f"2020-03-{day:02}", "train") for day in day_numbers for half in "ab"]
+    listed.append(("test", "2020-03-31", "test"))
+    return {
+        "label": "mine",
+        "recordings": [
+            {"name": name, "path": f"{name}.csv", "day": day, "split": split, "part": None}
+            for name, day, split in listed
+        ],
+    }
+
+
+@pytest.mark.parametrize(
+    ("days_of_training", "held"), [((1, 2), 1), ((1, 2, 3), 1), ((1, 2, 3, 4), 2), (range(1, 11), 3), (range(1, 12), 4)]
+)
+def test_the_last_training_days_stand_in_for_the_test_set(days_of_training, held):
+    """30 % of them, rounded up, whole days; the test recordings are gone."""
+    dataset = training(*list(days_of_training)[::-1])
+    got = validation_part(dataset)
+    by_split = {split: {r["day"] for r in got["recordings"] if r["split"] == split} for split in ("train", "test")}
+    in_order = [f"2020-03-{day:02}" for day in days_of_training]
+    assert by_split == {"train": set(in_order[:-held]), "test": set(in_order[-held:])}
+    assert [r["name"] for r in got["recordings"]] == [r["name"] for r in dataset["recordings"][:-1]]
+    assert {r["part"] for r in got["recordings"]} == {None}
+    assert got["label"] == "mine"
+
+
+def test_a_single_training_day_is_cut_in_two():
+    """Each of its recordings becomes two, of names of their own, read from the same file."""
+    got = validation_part(training(4))["recordings"]
+    parts = [(r["name"], r["path"], r["split"], r["part"]) for r in got]
+    assert parts == [
+        ("4a-fit", "4a.csv", "train", "fit"),
+        ("4a-validation", "4a.csv", "test", "validation"),
+        ("4b-fit", "4b.csv", "train", "fit"),
+        ("4b-validation", "4b.csv", "test", "validation"),
+    ]
+
+
+@pytest.mark.parametrize("days_of_training", [(4,), (4, 5)])
+def test_the_dataset_itself_is_not_changed(days_of_training):
+    dataset = training(*days_of_training)
+    before = copy.deepcopy(dataset)
+    validation_part(dataset)
+    assert dataset == before
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_dataset_has_a_validation_part(load_shipped, tmp_path, name):
+    dataset = load_shipped(name, tmp_path)
+    got = validation_part(dataset)["recordings"]
+    names = [recording["name"] for recording in got]
+    assert len(set(names)) == len(names)
+    assert {recording["split"] for recording in got} == {"train", "test"}
+    own = {recording["path"] for recording in dataset["recordings"] if recording["split"] == "train"}
+    assert {recording["path"] for recording in got} == own
 
 
 # --- dataset files ------------------------------------------------------------------------------------------

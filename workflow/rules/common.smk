@@ -10,7 +10,7 @@ import yaml
 from snakemake.exceptions import WorkflowError
 
 from modlhmp.baselines import KINDS as LEARNED_KINDS
-from modlhmp.maps import KINDS as MAP_KINDS, SAMPLED, map_path
+from modlhmp.maps import FOLLOWED, KINDS as MAP_KINDS, SAMPLED, map_path
 from modlhmp.settings import (
     check,
     check_config,
@@ -19,6 +19,7 @@ from modlhmp.settings import (
     load_dataset,
     members,
     method_settings,
+    methods_run,
     validation_part,
 )
 from modlhmp.storage import DataError
@@ -57,10 +58,16 @@ try:
 except DataError as error:
     raise WorkflowError(f"\n{error}") from None
 
+
+def titles_of(names):
+    """Titles of methods by name."""
+    return {name: config["methods"][name]["title"] for name in names}
+
+
 RUN = config["run"]
 EXHIBITS = f"paper_figures/{RUN}"
-TITLES = {name: config["methods"][name]["title"] for name in config["compare"]}
-METHODS = {name: method_settings(config, name) for name in config["compare"]}
+METHODS = {name: method_settings(config, name) for name in methods_run(config)}
+TITLES = titles_of(config["compare"])  # the paper's exhibits show these
 AVERAGES = [name for name in METHODS if METHODS[name]["kind"] == "average"]
 LEARNED = [name for name in METHODS if METHODS[name]["kind"] in LEARNED_KINDS]
 
@@ -159,7 +166,7 @@ def track_files(split):
 
 def method_of(dataset, name):
     """A method's settings, with what has been tuned for a dataset."""
-    return method_settings(config, name, DATASETS[dataset]["tuned"].get(name, ()))
+    return method_settings(config, name, DATASETS[dataset]["tuned"])
 
 
 def map_of(dataset, name):
@@ -233,5 +240,6 @@ TABLES = {
     "claims": "the paper's claims, tested",
     "tab_models": "trained networks",
 }
+BEYOND_KINDS = (*FOLLOWED, "average", "neural_map")
 LABELS = [dataset["label"] for dataset in DATASETS.values()]
-KINDS_RUN = {method["kind"] for method in METHODS.values()}
+KINDS_RUN = {METHODS[name]["kind"] for name in TITLES}

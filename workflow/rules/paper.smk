@@ -96,7 +96,7 @@ rule table_claims:
     params:
         datasets=SETTINGS,
         titles=TITLES,
-        kinds={name: method["kind"] for name, method in METHODS.items()},
+        kinds={name: METHODS[name]["kind"] for name in TITLES},
         horizons=config["tables"]["horizons_s"],
         code=code_of("table_claims"),
     message:
@@ -199,6 +199,7 @@ rule tables:
         rules.table_claims.output,
         MODEL_TABLES,
         UNCERTAINTY_TABLES,
+        [] if not RUNGS else expand(rules.table_ladder.output, label=LABELS),
 
 
 rule figures:
@@ -209,6 +210,7 @@ rule figures:
         FORECAST_FIGURES,
         MODEL_FIGURES,
         UNCERTAINTY_FIGURES,
+        rules.figure_ladder.output if RUNGS else [],
         rules.figure_coverage.output,
         rules.figure_runtime.output if measured_runtimes(None) else [],
-        rules.figure_ranking.output if "tc_cliff" in METHODS else [],
+        rules.figure_ranking.output if "tc_cliff" in TITLES else [],

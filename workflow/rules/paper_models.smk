@@ -23,7 +23,7 @@ rule table_models:
         runtime=10,
     params:
         datasets=SETTINGS,
-        methods={name: TITLES[name] for name in LEARNED},
+        methods=titles_of(LEARNED),
         code=code_of("table_models"),
     message:
         "Table of networks"
@@ -51,7 +51,7 @@ rule figure_learning_curves:
         runtime=10,
     params:
         datasets=SETTINGS,
-        methods={name: TITLES[name] for name in LEARNED},
+        methods=titles_of(LEARNED),
         code=code_of("figure_learning_curves"),
     message:
         "Figure learning-curves"

@@ -38,7 +38,7 @@ rule score_method:
 rule compare_methods:
     """Paired one-sided t-tests between methods on the same tracks."""
     input:
-        [f"results/{RUN}/{{dataset}}/errors/{method}.parquet" for method in METHODS],
+        [f"results/{RUN}/{{dataset}}/errors/{method}.parquet" for method in TITLES],
     output:
         f"results/{RUN}/{{dataset}}/ttests.parquet",
     log:
@@ -52,7 +52,7 @@ rule compare_methods:
         dataset=lambda wildcards: settings_of(
             wildcards.dataset, ("name", "time_step_s", "horizon_s")
         ),
-        pairs=[pair for pair in config["comparisons"] if set(pair) <= set(METHODS)],
+        pairs=[pair for pair in config["comparisons"] if set(pair) <= set(TITLES)],
         horizons=config["tables"]["horizons_s"],
         code=code_of("compare_methods"),
     message:
@@ -67,7 +67,7 @@ rule summarise_results:
         [
             f"results/{RUN}/{dataset}/errors/{method}.parquet"
             for dataset in DATASETS
-            for method in METHODS
+            for method in TITLES
         ],
     output:
         f"{EXHIBITS}/results.csv",

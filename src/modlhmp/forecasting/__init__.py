@@ -61,9 +61,7 @@ def _follower(kind, options, dataset, map_path):
     metric = Metric(*(options[name] for name in Metric._fields))
     weights, past = dataset["difference_weights"], dataset["observed_rows"] - 1
     if kind == "episodes":
-        mod = EpisodeMap.load(
-            map_path, metric, weights, past, dataset["time_step_s"], dataset["timezone"], options["persons"]
-        )
+        mod = EpisodeMap.load(map_path, metric, weights, past, dataset["time_step_s"], dataset["timezone"])
         rest = (options["k"], options["pace"], options["reach_m"], options["exclude_s"])
         return lambda observed, steps, keys: replay(mod, observed, steps, dataset["time_step_s"], *rest)
     mod = SnippetMap.load(map_path, metric, weights, options["length_s"], options["most"], dataset["timezone"])
@@ -141,6 +139,9 @@ def write_forecasts(path, forecasts, **provenance):
                     metadata = provenance_metadata(**provenance, **shape)
                     writer = pq.ParquetWriter(temporary, table.schema.with_metadata(metadata), compression="zstd")
                 writer.write_table(table, row_group_size=max(len(track_ids), 1))
+            if writer is None:  # the average of files without a row
+                shape = provenance_metadata(**provenance, output="single", k=1, steps=0)
+                pq.write_table(pa.table({"track_id": pa.array([], pa.int64())}, metadata=shape), temporary)
         finally:
             if writer is not None:
                 writer.close()

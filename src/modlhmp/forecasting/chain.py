@@ -27,20 +27,21 @@ def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=
 
     A snippet is drawn with probability proportional to exp(-d^2 / (2 `kernel_m`^2)), d being how unlike it and the
     particle are. Without `exits` a particle whose snippet ends in one draws another. Snippets within `exclude_s` of the
-    walker's t0 are left out ("no contemporaries"). A walker near whom nobody walked this way goes on at constant
-    velocity and counts as not alive from the start.
+    walker's t0 are left out ("no contemporaries"; others up to a minute beyond, since a map knows full minutes only).
+    A walker near whom nobody walked this way goes on at constant velocity and counts as not alive from the start.
     """
     here = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
     velocities, t0 = observed_steps(observed), observed.t[:, -1]
     points, speed = features(here, velocities, mod.weights, mod.metric, clock_time(t0, mod.timezone))
+    velocity = polar(vector_mean(velocities, mod.weights))
     xy, alive = _chain(
-        keys, points, speed, t0 / 60.0, exclude_s / 60.0, steps, kernel_m, pace, exits, mod.index, mod.origin, mod.cell,
-        mod.starts, mod.count, mod.points, mod.speed, mod.steps, mod.leaves, mod.minute, mod.path, mod.past, mod.step_s,
-        padded(mod.weights, mod.past), np.array(mod.metric),
+        keys, points, speed, velocity[1], t0 / 60.0, exclude_s / 60.0, steps, kernel_m, pace, exits, mod.index,
+        mod.origin, mod.cell, mod.starts, mod.count, mod.points, mod.speed, mod.steps, mod.leaves,
+        mod.minute, mod.path, mod.past, mod.step_s, padded(mod.weights, mod.past), np.array(mod.metric),
     )  # fmt: skip
     forecast = with_median(Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median"))
     nowhere = forecast.steps_alive[:, 0] == 0
-    straight = constant_velocity(observed, polar(vector_mean(velocities, mod.weights)), steps, mod.step_s)
+    straight = constant_velocity(observed, velocity, steps, mod.step_s)
     forecast.xy[nowhere] = straight.xy[nowhere]
     return forecast
 
@@ -54,8 +55,8 @@ def padded(weights, number):
 
 @njit(cache=True)
 def _chain(
-    keys, points, speeds, minutes, exclude, steps, kernel, pace, exits, index, origin, cell, starts, count, map_points,
-    map_speed, map_steps, leaves, map_minute, path, past, step_s, weights, metric,
+    keys, points, speeds, headings, minutes, exclude, steps, kernel, pace, exits, index, origin, cell, starts, count,
+    map_points, map_speed, map_steps, leaves, map_minute, path, past, step_s, weights, metric,
 ):  # fmt: skip
     n, k = keys.shape
     xy = np.empty((n, k, steps, 2), np.float32)
@@ -64,12 +65,12 @@ def _chain(
     point = np.empty(points.shape[1])
     for i in range(n):
         for j in range(k):
-            point[:], speed = points[i], speeds[i]
+            point[:], speed, heading = points[i], speeds[i], headings[i]
             clock, step, drawn = 0.0, 0, 0  # rows since t0, steps done, random numbers used
             while step < steps:
                 row, drawn = _draw(
-                    keys[i, j], drawn, point, speed, minutes[i], exclude, kernel, metric, index, origin, cell, starts,
-                    count, map_points, map_minute, bins, upto,
+                    keys[i, j], drawn, point, speed, heading, minutes[i], exclude, kernel, metric, index, origin, cell,
+                    starts, count, map_points, map_minute, bins, upto,
                 )  # fmt: skip
                 if row < 0:
                     break
@@ -82,7 +83,7 @@ def _chain(
                 if leaves[row] and exits:
                     break
                 clock += end / rate
-                speed = _move_on(point, path[row], past + end, rate / step_s, weights, metric)
+                speed, heading = _move_on(point, path[row], past + end, rate / step_s, weights, metric)
             alive[i, j] = step
             hold(xy[i, j], step, points[i, :2])
     return xy, alive
@@ -90,7 +91,7 @@ def _chain(
 
 @njit(cache=True)
 def _move_on(point, path, at, rate, weights, metric):
-    """Turn `point` into that of a particle at row `at` of a snippet's path; returns its speed."""
+    """Turn `point` into that of a particle at row `at` of a snippet's path; returns its speed and heading."""
     vx = vy = 0.0
     for m in range(len(weights)):
         vx += rate * weights[m] * (path[at - m, 0] - path[at - m - 1, 0])
@@ -105,16 +106,16 @@ def _move_on(point, path, at, rate, weights, metric):
         newest_step = path[at, axis] - path[at - 1, axis]
         oldest_step = path[oldest, axis] - path[oldest - 1, axis]
         point[5 + axis] = metric[2] * rate * (newest_step - oldest_step)
-    return speed
+    return speed, np.arctan2(vy, vx)
 
 
 @njit(cache=True)
 def _draw(
-    key, drawn, point, speed, minute, exclude, kernel, metric, index, origin, cell, starts, count, map_points,
+    key, drawn, point, speed, heading, minute, exclude, kernel, metric, index, origin, cell, starts, count, map_points,
     map_minute, bins, upto,
 ):  # fmt: skip
     """A snippet for a particle, -1 if there is none around, and the number of random numbers used so far."""
-    heading = np.arctan2(point[3], point[2]) * HEADINGS / (2 * np.pi)
+    angle = heading * HEADINGS / (2 * np.pi)  # not from the point: there a heading may count nothing
     ci, cj = int(np.floor(point[0] / cell)) - origin[0], int(np.floor(point[1] / cell)) - origin[1]
     total, number = 0.0, 0
     for ring in RINGS:
@@ -122,7 +123,7 @@ def _draw(
             for j in range(max(cj - ring, 0), min(cj + ring + 1, index.shape[1])):
                 for h in range(HEADINGS + 1):
                     b = index[i, j, h]
-                    turn = abs((h - heading + HEADINGS / 2) % HEADINGS - HEADINGS / 2)
+                    turn = abs((h - angle + HEADINGS / 2) % HEADINGS - HEADINGS / 2)
                     if b >= 0 and (h == HEADINGS or speed < SLOW_M_S or turn <= NEIGHBOURING):
                         total += count[b]
                         bins[number], upto[number] = b, total
@@ -137,7 +138,7 @@ def _draw(
         row = starts[b] + int(uniform(key, drawn + 1) * (starts[b + 1] - starts[b]))
         accept = uniform(key, drawn + 2)
         drawn += 3
-        if exclude > 0.0 and abs(map_minute[row] - minute) <= exclude:
+        if exclude > 0.0 and -exclude - 1.0 < map_minute[row] - minute <= exclude:
             continue
         d2 = 0.0
         for part in range(len(point)):

@@ -12,7 +12,7 @@ Nothing else of a map is known to the rest of the workflow.
 
 import numpy as np
 
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, read_parquet
 from modlhmp.tracks import clock_hours
 
 MAX_LATTICE = 1 << 22  # nodes of a map's bounding box: 2 km x 2 km at 1 m
@@ -38,6 +38,16 @@ class HourlyMod:
                     x[rows], y[rows], speed[rows], heading[rows], t[rows], uniforms[rows, : mod.draws]
                 )
         return sampled_speed, sampled_heading, log_fitness, found
+
+
+def read_map(path, what, columns, keys=()):
+    """Read the Parquet form of a map; `DataError` that it is not `what` without these columns and metadata keys."""
+    table = read_parquet(path)
+    missing = [f"column {name}" for name in columns if name not in table.column_names]
+    missing += [f"metadata {key}" for key in keys if key.encode() not in (table.schema.metadata or {})]
+    if missing:
+        raise DataError(f"{path}: not {what}, no {', no '.join(missing)}; delete it and run the workflow again")
+    return table
 
 
 def lattice_index(i, j, origin, shape):

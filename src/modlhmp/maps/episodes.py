@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 from scipy.spatial import cKDTree
 
+from modlhmp.maps.base import read_map
 from modlhmp.maps.pieces import differences, features, resample
-from modlhmp.storage import DataError, read_parquet
 from modlhmp.tracks import clock_time
 
 COLUMNS = ("person", "t", "x", "y")
@@ -31,11 +31,10 @@ class EpisodeMap:
     """An episode map ready to be asked who walked like a walker.
 
     `xy` [m, 2] float64, `t` [m], `person` [m], `last` [m] and `speed` [m] are of all rows, `rows` those that can be
-    found: with as many rows before them as a walker is observed for, and at least one after them, of a share `persons`
-    of the people.
+    found: with as many rows before them as a walker is observed for, and at least one after them.
     """
 
-    def __init__(self, table, metric, weights, past, step_s=1.0, timezone="UTC", persons=1.0):
+    def __init__(self, table, metric, weights, past, step_s=1.0, timezone="UTC"):
         self.metric, self.weights, self.past, self.timezone = metric, weights, past, timezone
         person, self.t = (table[name].to_numpy() for name in ("person", "t"))
         self.xy = np.column_stack([table[name].to_numpy().astype(float) for name in ("x", "y")])
@@ -44,10 +43,7 @@ class EpisodeMap:
         self.person = person.astype(np.int64)
         self.last = np.repeat(first + count - 1, count)
         row = np.arange(len(person))
-        asked = np.random.default_rng(0).random(len(first)) < persons
-        self.rows = np.flatnonzero(
-            (row - np.repeat(first, count) >= past) & (row < self.last) & np.repeat(asked, count)
-        )
+        self.rows = np.flatnonzero((row - np.repeat(first, count) >= past) & (row < self.last))
         self.speed = np.zeros(len(person))
         steps = differences(self.xy, past, step_s)[self.rows]
         points, self.speed[self.rows] = features(
@@ -58,14 +54,12 @@ class EpisodeMap:
     @classmethod
     def load(cls, path, *arguments):
         """Read the Parquet form; `DataError` where it is not one."""
-        table = read_parquet(path)
-        missing = set(COLUMNS) - set(table.column_names)
-        if missing:
-            raise DataError(f"{path}: not an episode map, no column {', '.join(sorted(missing))}")
-        return cls(table, *arguments)
+        return cls(read_map(path, "an episode map", COLUMNS), *arguments)
 
     def nearest(self, points, number):
         """Rows [n, N] most like the `points` [n, 8], nearest first, and how far they are [n, N] in m; N <= `number`."""
         number = min(number, len(self.rows))
+        if not number:  # the tree cannot be asked for none
+            return np.empty((len(points), 0), np.int64), np.empty((len(points), 0))
         distance, found = self.tree.query(points, np.arange(1, number + 1))
         return self.rows[found], distance

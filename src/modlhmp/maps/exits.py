@@ -7,9 +7,8 @@ through a door that the map knows nothing about. Not in the paper.
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.maps.base import check_lattice
+from modlhmp.maps.base import check_lattice, read_map
 from modlhmp.maps.pieces import differences, heading_bin, resample
-from modlhmp.storage import DataError, read_parquet
 
 PRIOR_ROWS = 10.0  # a bin with fewer rows leans on the rate of the whole map
 COLUMNS = ("i", "j", "bin", "left", "rows")
@@ -51,11 +50,7 @@ class WithExits:
     @classmethod
     def load(cls, mod, path):
         """Read the Parquet form of the ways out; `DataError` where it is not one."""
-        table = read_parquet(path)
-        missing = set(COLUMNS) - set(table.column_names)
-        if missing:
-            raise DataError(f"{path}: not a map of ways out, no column {', '.join(sorted(missing))}")
-        return cls(mod, table)
+        return cls(mod, read_map(path, "a map of ways out", COLUMNS, ("cell", "step")))
 
     def sample(self, x, y, speed, heading, t, uniforms):
         """See `maps.base`; the last uniform decides whether the particle leaves."""

@@ -8,9 +8,8 @@ random, and how many they stand for: fewer make a compact map. Not in the paper.
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.maps.base import check_lattice
+from modlhmp.maps.base import check_lattice, read_map
 from modlhmp.maps.pieces import HEADINGS, differences, features, heading_bin, resample
-from modlhmp.storage import DataError, read_parquet
 from modlhmp.tracks import clock_time
 
 COLUMNS = ("i", "j", "bin", "x", "y", "minute", "stands_for", "steps", "path")
@@ -20,10 +19,10 @@ def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0
     """Build a snippet flow map; returns a `pyarrow.Table`, one row a snippet, sorted by cell and bin.
 
     `path` holds positions relative to the start: the `past` steps before it, oldest first, then up to `length_s`, held
-    where the person left. `steps` says how many were walked: fewer than the length if the person left meanwhile. A bin
-    keeps at most `most` snippets, of which each stands for `stands_for`.
+    where the person left. `steps` says how many were walked, up to one more than the length: whoever walked no more
+    than the length has left by then. A bin keeps at most `most` snippets, of which each stands for `stands_for`.
     """
-    pieces, length = resample(tracks, step_s), round(length_s / step_s)
+    pieces, length = resample(tracks, step_s), max(round(length_s / step_s), 1)
     row = np.flatnonzero((pieces.age >= past) & (pieces.last > np.arange(len(pieces.person))))
     velocity = differences(pieces.xy, 1, step_s)[row, 0]
     where = np.column_stack([np.floor(pieces.xy[row] / cell_m).astype(np.int64), heading_bin(velocity)])
@@ -37,7 +36,7 @@ def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0
     kept = rank < most
     stands_for = np.repeat(count / np.minimum(count, most), count)[kept]
     row, where = row[kept], where[kept]
-    steps = np.minimum(pieces.last[row] - row, length)
+    steps = np.minimum(pieces.last[row] - row, length + 1)
     ahead = np.minimum(np.arange(-past, length + 1), steps[:, None])
     path = pieces.xy[row[:, None] + ahead] - pieces.xy[row][:, None]
     return pa.table(
@@ -74,10 +73,10 @@ class SnippetMap:
         columns = {name: table[name].to_numpy()[kept] for name in ("x", "y", "minute", "steps")}
         width = table.schema.field("path").type.list_size // 2
         path = table["path"].combine_chunks().flatten().to_numpy().reshape(-1, width, 2)[kept].astype(float)
-        length = min(round(length_s / self.step_s), width - 1 - self.past)
+        length = min(max(round(length_s / self.step_s), 1), width - 1 - self.past)
         self.path = np.ascontiguousarray(path[:, : self.past + 1 + length])
         self.steps = np.minimum(columns["steps"], length).astype(np.int64)
-        self.leaves = columns["steps"] < length
+        self.leaves = columns["steps"] <= length
         self.minute = columns["minute"].astype(np.int64)
         self.count = held * table["stands_for"].to_numpy()[first].astype(float)
         self.starts = np.append(0, np.cumsum(np.minimum(held, most)))
@@ -95,8 +94,4 @@ class SnippetMap:
     @classmethod
     def load(cls, path, *arguments):
         """Read the Parquet form; `DataError` where it is not one."""
-        table = read_parquet(path)
-        missing = set(COLUMNS) - set(table.column_names)
-        if missing:
-            raise DataError(f"{path}: not a snippet flow map, no column {', '.join(sorted(missing))}")
-        return cls(table, *arguments)
+        return cls(read_map(path, "a snippet flow map", COLUMNS, ("cell", "past", "step")), *arguments)

@@ -60,8 +60,9 @@ def example(folder, dataset, methods):
 
 
 def shown_futures(forecast, steps):
-    """Indices of the futures that are a method's result: the best ranked, or all where all make the result."""
-    return paths.rank_order(forecast, steps)[:1] if forecast.output == "ranked" else np.arange(len(forecast.xy))
+    """Indices of the futures that make a method's result: the best ranked, the median, or all."""
+    one = forecast.output in {"ranked", "median"}  # a median is the first of equally ranked futures
+    return paths.rank_order(forecast, steps)[:1] if one else np.arange(len(forecast.xy))
 
 
 def _panel(ax, key, dataset, table, text, methods, site):

@@ -15,13 +15,14 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
+from modlhmp.forecasting import forecast_recording
 from modlhmp.forecasting.base import stream_keys
-from modlhmp.forecasting.observe import Observed, current_velocity, observe, usable_tracks
+from modlhmp.forecasting.observe import Observed, current_velocity, observe
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.maps import KINDS, load_map
 from modlhmp.maps.base import HourlyMod
 from modlhmp.storage import DataError, read_parquet
-from modlhmp.tracks import read_tracks
+from modlhmp.tracks import read_tracks, together, usable_tracks
 
 REPETITIONS = 5
 LATENCY_TRACKS = 200
@@ -75,6 +76,29 @@ def measure(task):
                       for name, rows in growth.items()},
         "machine": _machine(),
     }  # fmt: skip
+
+
+def some_tracks(recordings, dataset, number=500):
+    """The first `number` usable tracks of some recordings, as one table."""
+    parts, found = [], 0
+    for tracks in recordings:
+        usable = tracks.track_id[usable_tracks(tracks, dataset["observed_rows"])[: number - found, 0]]
+        parts.append(tracks.take(np.isin(tracks.track_id, usable)))
+        found += len(usable)
+        if found == number:
+            break
+    return together(parts)
+
+
+def milliseconds_a_track(forecaster, tracks, dataset, k):
+    """Median time [ms] of forecasting a track among all of a table, observing included, compilation not."""
+    names = (dataset["name"], "cost", "cost")
+
+    def run():
+        return [len(ids) for _, ids, _ in forecast_recording(tracks, forecaster, dataset, names, k, [0], [])]
+
+    (number,) = run()
+    return 1000 * _times(run)[0] / number
 
 
 def exponent(sizes, seconds):

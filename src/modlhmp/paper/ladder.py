@@ -1,0 +1,125 @@
+"""The ladder from the paper's configuration to the best one: a table and a panel a dataset (not in the paper)."""
+
+import numpy as np
+import pandas as pd
+
+from modlhmp.paper.style import PAGE_MM, figure, save
+from modlhmp.paper.table_forms import write_table
+from modlhmp.scoring.ladder import LEAST_DAYS
+
+NOTE = (
+    "Errors are ADE / FDE in m, seeds averaged per track first; brackets hold 95 % bootstrap intervals over {over}. "
+    "Every row is compared with the one above it and with {reference}, on the same tracks (complete protocol: every "
+    "eligible track counts). The paper protocol stands at the right: it drops idle tracks where the dataset says so, "
+    "and forecasts that have left the map. Cost is the time of a forecast to the longest horizon on one core."
+)
+DRAWN = 3  # panels a dataset: the longest horizons
+COLOURS = {"ours": "#0072B2", "before": "#7F7F7F", "reference": "#D55E00"}
+
+
+def write_ladder(scored, compared, costs, dataset, ladder, titles, days, stem):
+    """Write the table of one dataset; `scored`, `compared` as of `scoring.ladder`, `costs` [ms] by method."""
+    rows, reference = ladder["rows"], ladder["reference"]
+    horizons = sorted(scored["horizon_s"].unique())
+    above = dict(zip([m for m, _ in rows[1:]], [m for m, _ in rows], strict=False))
+    tables = []
+    for horizon in reversed(horizons):
+        tables.append((f"{horizon:g} s", _rungs(scored, compared, rows, above, reference, horizon, costs, titles)))
+    if ladder["beside"]:
+        beside = _beside(scored, compared, ladder["beside"], horizons, titles)
+        tables.append(("Beside the ladder: one thing changed", beside))
+    over = f"the {len(days)} test days" if len(days) >= LEAST_DAYS else "persons"
+    note = NOTE.format(over=over, reference=titles[reference])
+    heading = f"From the paper's configuration to the best one: {dataset['title']}"
+    first = tables[0][1]
+    write_table(first, stem, f"{heading}, {tables[0][0]}", dataset["demo"], note, tables[1:])
+
+
+def _rungs(scored, compared, rows, above, reference, horizon, costs, titles):
+    """The rungs at one horizon."""
+    table = []
+    for method, change in rows:
+        complete, paper = (_row(scored, protocol, horizon, method=method) for protocol in ("complete", "paper"))
+        table.append(
+            {
+                "what changes": change,
+                "method": titles[method],
+                "ADE / FDE [m]": f"{complete.ade_m:.2f} / {complete.fde_m:.2f}",
+                "n": f"{complete.n}",
+                "ADE less the row above": _difference(compared, "complete", horizon, method, above.get(method)),
+                f"less {titles[reference]}": _difference(compared, "complete", horizon, method, reference),
+                "FDE, the same": _difference(compared, "complete", horizon, method, reference, "fde"),
+                "ms a track": f"{costs[method]:.2g}" if method in costs else "–",
+                "paper protocol": "–" if not paper.n else f"{paper.ade_m:.2f} / {paper.fde_m:.2f}",
+                "paper protocol: n": f"{paper.n}/{paper.eligible}",
+            }
+        )
+    return pd.DataFrame(table)
+
+
+def _beside(scored, compared, beside, horizons, titles):
+    """Pairs of methods, a column a horizon."""
+    table = []
+    for method, against, change in beside:
+        cells = {"what changes": change, "method": titles[method], "against": titles[against]}
+        for horizon in horizons:
+            one = _row(scored, "complete", horizon, method=method)
+            difference = _difference(compared, "complete", horizon, method, against)
+            cells[f"{horizon:g} s"] = f"{one.ade_m:.2f} / {one.fde_m:.2f}; {difference}"
+        table.append(cells)
+    return pd.DataFrame(table)
+
+
+def _difference(compared, protocol, horizon, method, against, metric="ade"):
+    """`-2.31 (-2.85 to -1.73), -26 %` of a pair, a dash where there is none."""
+    if against is None or against == method:
+        return "–"
+    one = _row(compared, protocol, horizon, method=method, against=against, metric=metric)
+    if not one.n:
+        return "–"
+    return f"{one.difference_m:+.2f} ({one.low_m:+.2f} to {one.high_m:+.2f}), {one.percent:+.0f} %"
+
+
+def _row(table, protocol, horizon, **wanted):
+    chosen = (table["protocol"] == protocol) & (table["horizon_s"] == horizon)
+    for name, value in wanted.items():
+        chosen &= table[name] == value
+    return table[chosen].iloc[0]
+
+
+def draw(scored, datasets, ladder, titles, with_memory, stem):
+    """Draw the ADE of every rung with its interval: a row of panels a dataset, a column a horizon.
+
+    `scored` is of all datasets, `with_memory` names the rungs whose maps have it. Intervals are of single rungs and far
+    wider than the paired ones of the table.
+    """
+    rows, reference = [method for method, _ in ladder["rows"]], ladder["reference"]
+    complete = scored[(scored["protocol"] == "complete") & scored["method"].isin(rows)]
+    names = [dataset["name"] for dataset in datasets]
+    horizons = {name: sorted(set(complete.loc[complete["dataset"] == name, "horizon_s"]))[-DRAWN:] for name in names}
+    columns = max(map(len, horizons.values()))
+    fig, axes = figure(len(names), columns, PAGE_MM, (14 + 4.0 * len(rows)) * len(names))
+    place = np.arange(len(rows))[::-1]
+    for line, dataset in zip(axes, datasets, strict=True):
+        mine = complete[complete["dataset"] == dataset["name"]]
+        for panel, horizon in zip(line, horizons[dataset["name"]], strict=False):
+            at = mine[mine["horizon_s"] == horizon].set_index("method").loc[rows]
+            panel.plot(at["ade_m"], place, color="0.6", linewidth=0.8, zorder=1)
+            for y, (method, rung) in zip(place, at.iterrows(), strict=True):
+                colour = COLOURS["reference" if method == reference else "ours" if method in with_memory else "before"]
+                panel.plot([rung["ade_low_m"], rung["ade_high_m"]], [y, y], color=colour, linewidth=2, alpha=0.35)
+                panel.plot(rung["ade_m"], y, "o", color=colour, markersize=3.5)
+                right = np.nanmax([rung["ade_m"], rung["ade_high_m"]])
+                panel.annotate(f"{rung['ade_m']:.2f}", (right, y), (4, 0), textcoords="offset points", va="center",
+                               fontsize=5.5, color=colour)  # fmt: skip
+            panel.axvline(
+                at.loc[reference, "ade_m"], color=COLOURS["reference"], linewidth=0.6, linestyle=":", zorder=0
+            )
+            panel.set(xlim=(0, 1.2 * np.nanmax([at["ade_m"], at["ade_high_m"]])), ylim=(-0.7, len(rows) - 0.3))
+            panel.set_yticks(place, [])
+            panel.set_title(f"{dataset['title']}: {horizon:g} s", loc="left")
+            panel.set_xlabel(f"ADE [m], n = {at['n'].iloc[0]}")
+        line[0].set_yticklabels([titles[method] for method in rows])
+        for panel in line[len(horizons[dataset["name"]]) :]:
+            panel.set_axis_off()
+    save(fig, stem, scored, any(dataset["demo"] for dataset in datasets))

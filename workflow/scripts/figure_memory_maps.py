@@ -1,0 +1,10 @@
+"""Rule figure_memory_maps."""
+
+from pathlib import Path
+
+from modlhmp.logs import job_log
+from modlhmp.paper.memory_maps import draw
+
+with job_log(snakemake.log[0]):
+    params, folder = snakemake.params, Path(snakemake.input.maps[0]).parents[2]  # results/{run}
+    draw(folder, params.datasets, params.methods, snakemake.output.csv.removesuffix(".csv"))
