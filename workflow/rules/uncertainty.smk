@@ -5,7 +5,7 @@
 #          calibration.{pdf,png,csv}, density.{pdf,png,csv}
 # STEPS    measure_uncertainty; table_uncertainty, figure_calibration, figure_density; UNCERTAINTY_TABLES and
 #          UNCERTAINTY_FIGURES collect them
-MEASURED = [name for name in METHODS if name in config["uncertainty"]["methods"]]
+MEASURED = [name for name in TITLES if name in config["uncertainty"]["methods"]]
 UNCERTAINTY_FILES = expand(
     f"results/{RUN}/{{dataset}}/uncertainty/{{method}}.parquet",
     dataset=DATASETS,
@@ -107,7 +107,7 @@ rule figure_density:
             for dataset in DATASETS
             for file in (
                 *(f"tracks/{r['name']}.parquet" for r in recordings(dataset, "test")),
-                f"errors/{next(iter(METHODS))}.parquet",
+                f"errors/{next(iter(TITLES))}.parquet",
             )
         ],
         maps=[map_of(dataset, SHOWN_DENSITY) for dataset in DATASETS if SHOWN_DENSITY],
