@@ -160,23 +160,23 @@ def test_a_person_who_leaves_is_held_there():
 def test_a_loaded_map_holds_the_tables_snippets(length_s, most):
     table = snippets.build(training(), most=4)
     mod, bins = SnippetMap(table, METRIC, WEIGHTS, length_s, most), by_bin(table)
-    assert mod.path.shape[1:] == (PAST + 1 + length_s, 2)
-    assert (mod.index >= 0).sum() == len(bins)
+    assert mod.arrays.path.shape[1:] == (PAST + 1 + length_s, 2)
+    assert (mod.arrays.index >= 0).sum() == len(bins)
     for (i, j, heading), rows in bins.items():
-        b = mod.index[i - mod.origin[0], j - mod.origin[1], heading]
-        held = range(mod.starts[b], mod.starts[b + 1])
+        b = mod.arrays.index[i - mod.arrays.origin[0], j - mod.arrays.origin[1], heading]
+        held = range(mod.arrays.starts[b], mod.arrays.starts[b + 1])
         assert len(held) == min(len(rows), most)
-        assert mod.count[b] == pytest.approx(sum(row["stands_for"] for row in rows))
+        assert mod.arrays.count[b] == pytest.approx(sum(row["stands_for"] for row in rows))
         for n, row in zip(held, rows, strict=False):
-            assert mod.steps[n] == min(row["steps"], length_s)
-            assert mod.minute[n] == row["minute"]
+            assert mod.arrays.steps[n] == min(row["steps"], length_s)
+            assert mod.arrays.minute[n] == row["minute"]
             path = np.reshape(row["path"], (-1, 2))
-            np.testing.assert_allclose(mod.path[n], path[: mod.path.shape[1]], atol=1e-6)
+            np.testing.assert_allclose(mod.arrays.path[n], path[: mod.arrays.path.shape[1]], atol=1e-6)
             before = memory_twins.velocities(path[: PAST + 1].tolist(), 1.0)
             hour = clock_time(np.array([60.0 * row["minute"]]), "UTC")[0]
             expected, speed = memory_twins.point((row["x"], row["y"]), before, WEIGHTS, METRIC, hour)
-            np.testing.assert_allclose(mod.points[n], expected, atol=1e-5)
-            assert mod.speed[n] == pytest.approx(speed, abs=1e-6)
+            np.testing.assert_allclose(mod.arrays.points[n], expected, atol=1e-5)
+            assert mod.arrays.speed[n] == pytest.approx(speed, abs=1e-6)
 
 
 # --- random numbers -----------------------------------------------------------------------------------------

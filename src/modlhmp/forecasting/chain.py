@@ -34,11 +34,8 @@ def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=
     velocities, t0 = observed_steps(observed), observed.t[:, -1]
     points, speed = features(here, velocities, mod.weights, mod.metric, clock_time(t0, mod.timezone))
     velocity = polar(vector_mean(velocities, mod.weights))
-    xy, alive = _chain(
-        keys, points, speed, velocity[1], t0 / 60.0, exclude_s / 60.0, steps, kernel_m, pace, exits, mod.index,
-        mod.origin, mod.cell, mod.starts, mod.count, mod.points, mod.speed, mod.steps, mod.leaves,
-        mod.minute, mod.path, mod.past, mod.step_s, padded(mod.weights, mod.past), np.array(mod.metric),
-    )  # fmt: skip
+    walkers = (points, speed, velocity[1], t0 / 60.0)
+    xy, alive = _chain(mod.arrays, keys, *walkers, exclude_s / 60.0, steps, kernel_m, pace, exits)
     forecast = with_median(Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median"))
     nowhere = forecast.steps_alive[:, 0] == 0
     straight = constant_velocity(observed, velocity, steps, mod.step_s)
@@ -46,18 +43,9 @@ def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=
     return forecast
 
 
-def padded(weights, number):
-    """The first `number` weights, summing to 1, with zeros where there are fewer."""
-    used = np.zeros(number)
-    used[: len(weights)] = weights[:number]
-    return used / used.sum()
-
-
 @njit(cache=True)
-def _chain(
-    keys, points, speeds, headings, minutes, exclude, steps, kernel, pace, exits, index, origin, cell, starts, count,
-    map_points, map_speed, map_steps, leaves, map_minute, path, past, step_s, weights, metric,
-):  # fmt: skip
+def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, kernel, pace, exits):
+    """Futures [n, k, T, 2] and how many steps each is alive [n, k]; `mod` are the map's `SnippetArrays`."""
     n, k = keys.shape
     xy = np.empty((n, k, steps, 2), np.float32)
     alive = np.zeros((n, k), np.int32)
@@ -66,33 +54,33 @@ def _chain(
     for i in range(n):
         for j in range(k):
             point[:], speed, heading = points[i], speeds[i], headings[i]
-            clock, step, drawn = 0.0, 0, 0  # rows since t0, steps done, random numbers used
+            # When the present snippet began, in steps since t0; steps done; random numbers used.
+            began, step, drawn = 0.0, 0, 0
             while step < steps:
                 row, drawn = _draw(
-                    keys[i, j], drawn, point, speed, heading, minutes[i], exclude, kernel, metric, index, origin, cell,
-                    starts, count, map_points, map_minute, bins, upto,
-                )  # fmt: skip
+                    mod, keys[i, j], drawn, point, speed, heading, minutes[i], exclude, kernel, bins, upto
+                )
                 if row < 0:
                     break
-                rate, end = paced(speed, map_speed[row], pace), map_steps[row]
-                while step < steps and (step + 1 - clock) * rate <= end:
-                    at = past + (step + 1 - clock) * rate
+                rate, end = paced(speed, mod.speed[row], pace), mod.steps[row]
+                while step < steps and (step + 1 - began) * rate <= end:
+                    at = mod.past + (step + 1 - began) * rate
                     for axis in range(2):
-                        xy[i, j, step, axis] = point[axis] + between(path[row], at, axis)
+                        xy[i, j, step, axis] = point[axis] + between(mod.path[row], at, axis)
                     step += 1
-                if leaves[row] and exits:
+                if mod.leaves[row] and exits:
                     break
-                clock += end / rate
-                speed, heading = _move_on(point, path[row], past + end, rate / step_s, weights, metric)
+                began += end / rate
+                speed, heading = _move_on(mod, point, mod.path[row], mod.past + end, rate / mod.step_s)
             alive[i, j] = step
             hold(xy[i, j], step, points[i, :2])
     return xy, alive
 
 
 @njit(cache=True)
-def _move_on(point, path, at, rate, weights, metric):
+def _move_on(mod, point, path, at, rate):
     """Turn `point` into that of a particle at row `at` of a snippet's path; returns its speed and heading."""
-    vx = vy = 0.0
+    weights, metric, vx, vy = mod.weights, mod.metric, 0.0, 0.0
     for m in range(len(weights)):
         vx += rate * weights[m] * (path[at - m, 0] - path[at - m - 1, 0])
         vy += rate * weights[m] * (path[at - m, 1] - path[at - m - 1, 1])
@@ -110,22 +98,19 @@ def _move_on(point, path, at, rate, weights, metric):
 
 
 @njit(cache=True)
-def _draw(
-    key, drawn, point, speed, heading, minute, exclude, kernel, metric, index, origin, cell, starts, count, map_points,
-    map_minute, bins, upto,
-):  # fmt: skip
+def _draw(mod, key, drawn, point, speed, heading, minute, exclude, kernel, bins, upto):
     """A snippet for a particle, -1 if there is none around, and the number of random numbers used so far."""
     angle = heading * HEADINGS / (2 * np.pi)  # not from the point: there a heading may count nothing
-    ci, cj = int(np.floor(point[0] / cell)) - origin[0], int(np.floor(point[1] / cell)) - origin[1]
+    ci, cj = int(np.floor(point[0] / mod.cell)) - mod.origin[0], int(np.floor(point[1] / mod.cell)) - mod.origin[1]
     total, number = 0.0, 0
     for ring in RINGS:
-        for i in range(max(ci - ring, 0), min(ci + ring + 1, index.shape[0])):
-            for j in range(max(cj - ring, 0), min(cj + ring + 1, index.shape[1])):
+        for i in range(max(ci - ring, 0), min(ci + ring + 1, mod.index.shape[0])):
+            for j in range(max(cj - ring, 0), min(cj + ring + 1, mod.index.shape[1])):
                 for h in range(HEADINGS + 1):
-                    b = index[i, j, h]
+                    b = mod.index[i, j, h]
                     turn = abs((h - angle + HEADINGS / 2) % HEADINGS - HEADINGS / 2)
                     if b >= 0 and (h == HEADINGS or speed < SLOW_M_S or turn <= NEIGHBOURING):
-                        total += count[b]
+                        total += mod.count[b]
                         bins[number], upto[number] = b, total
                         number += 1
         if number:
@@ -135,14 +120,14 @@ def _draw(
         return best, drawn
     for _ in range(MOST_TRIES):
         b = bins[np.searchsorted(upto[:number], uniform(key, drawn) * total, side="right")]
-        row = starts[b] + int(uniform(key, drawn + 1) * (starts[b + 1] - starts[b]))
+        row = mod.starts[b] + int(uniform(key, drawn + 1) * (mod.starts[b + 1] - mod.starts[b]))
         accept = uniform(key, drawn + 2)
         drawn += 3
-        if exclude > 0.0 and -exclude - 1.0 < map_minute[row] - minute <= exclude:
+        if exclude > 0.0 and -exclude - 1.0 < mod.minute[row] - minute <= exclude:
             continue
         d2 = 0.0
         for part in range(len(point)):
-            d2 += (point[part] - map_points[row, part]) ** 2
+            d2 += (point[part] - mod.points[row, part]) ** 2
         if accept < np.exp(-0.5 * d2 / kernel**2):
             return row, drawn
         if d2 < nearest:

@@ -5,6 +5,8 @@ it ended in a way out. A forecast strings snippets together (`forecasting.chain`
 random, and how many they stand for: fewer make a compact map. Not in the paper.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import pyarrow as pa
 
@@ -51,18 +53,39 @@ def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0
     ).replace_schema_metadata({"cell": str(cell_m), "past": str(past), "step": str(step_s)})
 
 
-class SnippetMap:
-    """A snippet flow map ready to be chained.
+class SnippetArrays(NamedTuple):
+    """What kernels see of a snippet flow map.
 
     Per snippet, sorted by bin: `points` [m, 8] in the metric, `speed` [m] in m/s, `steps` [m] walked and whether the
     person `leaves` [m] then, `path` [m, past + 1 + L, 2] with the start as its row `past`, `minute` [m] of the start.
     Per bin b: snippets `starts[b]` to `starts[b + 1]`, which stand for `count[b]`. `index` [cells in x, cells in y,
-    HEADINGS + 1] is a cell's bins, -1 where empty; `origin` is its first cell.
+    HEADINGS + 1] is a cell's bins, -1 where empty; `origin` is its first cell, `cell` its size in m. `weights` [past]
+    are those of the last steps, `metric` the numbers of the `Metric`.
     """
+
+    index: np.ndarray
+    origin: np.ndarray
+    cell: float
+    starts: np.ndarray
+    count: np.ndarray
+    points: np.ndarray
+    speed: np.ndarray
+    steps: np.ndarray
+    leaves: np.ndarray
+    minute: np.ndarray
+    path: np.ndarray
+    past: int
+    step_s: float
+    weights: np.ndarray
+    metric: np.ndarray
+
+
+class SnippetMap:
+    """A snippet flow map ready to be chained: its `arrays`, and what a walker is compared by."""
 
     def __init__(self, table, metric, weights, length_s=10.0, most=50, timezone="UTC"):
         meta = table.schema.metadata
-        self.cell, self.past, self.step_s = float(meta[b"cell"]), int(meta[b"past"]), float(meta[b"step"])
+        cell, past, self.step_s = float(meta[b"cell"]), int(meta[b"past"]), float(meta[b"step"])
         self.metric, self.weights, self.timezone = metric, weights, timezone
         where = np.column_stack([table[name].to_numpy() for name in ("i", "j", "bin")]).astype(np.int64)
         new = np.ones(len(where), bool)
@@ -70,26 +93,27 @@ class SnippetMap:
         first = np.flatnonzero(new)
         held = np.diff(np.append(first, len(where)))
         kept = np.flatnonzero(np.arange(len(where)) - np.repeat(first, held) < most)
-        columns = {name: table[name].to_numpy()[kept] for name in ("x", "y", "minute", "steps")}
+        x, y, minute, steps = (table[name].to_numpy()[kept] for name in ("x", "y", "minute", "steps"))
         width = table.schema.field("path").type.list_size // 2
         path = table["path"].combine_chunks().flatten().to_numpy().reshape(-1, width, 2)[kept].astype(float)
-        length = min(max(round(length_s / self.step_s), 1), width - 1 - self.past)
-        self.path = np.ascontiguousarray(path[:, : self.past + 1 + length])
-        self.steps = np.minimum(columns["steps"], length).astype(np.int64)
-        self.leaves = columns["steps"] <= length
-        self.minute = columns["minute"].astype(np.int64)
-        self.count = held * table["stands_for"].to_numpy()[first].astype(float)
-        self.starts = np.append(0, np.cumsum(np.minimum(held, most)))
-        before = np.diff(path[:, : self.past + 1], axis=1)[:, ::-1] / self.step_s
-        xy = np.column_stack([columns["x"], columns["y"]]).astype(float)
-        clock = clock_time(60.0 * self.minute, timezone)
-        self.points, self.speed = features(xy, before, weights, metric, clock)
+        length = min(max(round(length_s / self.step_s), 1), width - 1 - past)
+        before = np.diff(path[:, : past + 1], axis=1)[:, ::-1] / self.step_s
+        minute, xy = minute.astype(np.int64), np.column_stack([x, y]).astype(float)
+        points, speed = features(xy, before, weights, metric, clock_time(60.0 * minute, timezone))
         cells = where[first]
-        self.origin = cells[:, :2].min(axis=0) if len(first) else np.zeros(2, np.int64)
-        size = cells[:, :2].max(axis=0) - self.origin + 1 if len(first) else np.ones(2, np.int64)
+        origin = cells[:, :2].min(axis=0) if len(first) else np.zeros(2, np.int64)
+        size = cells[:, :2].max(axis=0) - origin + 1 if len(first) else np.ones(2, np.int64)
         check_lattice(len(first), size)
-        self.index = np.full((*size, HEADINGS + 1), -1, np.int64)
-        self.index[(*(cells[:, :2] - self.origin).T, cells[:, 2])] = np.arange(len(first))
+        index = np.full((*size, HEADINGS + 1), -1, np.int64)
+        index[(*(cells[:, :2] - origin).T, cells[:, 2])] = np.arange(len(first))
+        used = np.zeros(past)
+        used[: len(weights)] = weights[:past]
+        self.arrays = SnippetArrays(
+            index, origin, cell, np.append(0, np.cumsum(np.minimum(held, most))),
+            held * table["stands_for"].to_numpy()[first].astype(float), points, speed,
+            np.minimum(steps, length).astype(np.int64), steps <= length, minute,
+            np.ascontiguousarray(path[:, : past + 1 + length]), past, self.step_s, used / used.sum(), np.array(metric),
+        )  # fmt: skip
 
     @classmethod
     def load(cls, path, *arguments):
