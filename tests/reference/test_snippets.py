@@ -472,7 +472,7 @@ def test_people_who_stand_still_can_be_followed():
 @pytest.mark.parametrize("length_s", [0.1, 0.5])
 def test_a_snippet_has_at_least_one_step(length_s):
     """Shorter ones would lead nowhere."""
-    assert map_of(training(), length_s).path.shape[1] == PAST + 2
+    assert map_of(training(), length_s).arrays.path.shape[1] == PAST + 2
     assert snippets.build(training(), length_s=length_s)["path"].type.list_size == 2 * (PAST + 2)
 
 
