@@ -12,7 +12,7 @@ from twins import position
 
 from modlhmp.forecasting.base import uniforms
 
-HEADINGS, SLOW, PACED, LIMITS = 8, 0.3, 0.2, (0.5, 2.0)
+HEADINGS, SLOW, STROLL, PACED, LIMITS = 8, 0.3, 0.9, 0.2, (0.5, 2.0)
 
 
 def resample(people, step_s, max_gap_s=5.0):
@@ -145,24 +145,23 @@ class PlainSnippets:
     def around(self, place, velocity):
         """Bins (cell, heading) near a particle: cells up to 1 away, or else up to 3; headings within 1.5 bins.
 
-        Whoever hardly moves is near in any heading, and of interest whatever the particle's.
+        Whoever hardly moves is near in any heading, and of interest to all but those who walk.
         """
-        angle, slow = math.atan2(velocity[1], velocity[0]) * HEADINGS / (2 * math.pi), math.hypot(*velocity) < SLOW
+        angle, speed = math.atan2(velocity[1], velocity[0]) * HEADINGS / (2 * math.pi), math.hypot(*velocity)
+        turns = [abs((h - angle + HEADINGS / 2) % HEADINGS - HEADINGS / 2) for h in range(HEADINGS)]
+        near = [h for h, turn in enumerate(turns) if speed < SLOW or turn <= 1.5]
+        if speed < STROLL:
+            near.append(HEADINGS)
         ci, cj = (math.floor(part / self.cell) for part in place)
         for ring in (1, 3):
-            found = []
-            for i in range(ci - ring, ci + ring + 1):
-                for j in range(cj - ring, cj + ring + 1):
-                    for h in range(HEADINGS + 1):
-                        turn = abs((h - angle + HEADINGS / 2) % HEADINGS - HEADINGS / 2)
-                        if (i, j, h) in self.bins and (h == HEADINGS or slow or turn <= 1.5):
-                            found.append((i, j, h))
+            cells = [(i, j) for i in range(ci - ring, ci + ring + 1) for j in range(cj - ring, cj + ring + 1)]
+            found = [(i, j, h) for i, j in cells for h in near if (i, j, h) in self.bins]
             if found:
                 return found
         return []
 
     def draw(self, number, at, velocity, minute, kernel_m, exclude_s):
-        """A snippet by rejection, or the most alike of 100 tries; None where there is none. `number()`: in (0, 1)."""
+        """A snippet by rejection, or the most alike of 50 tries; None where there is none. `number()`: in (0, 1)."""
         bins = self.around(at[:2], velocity)
         if not bins:
             return None
@@ -171,10 +170,12 @@ class PlainSnippets:
             total += sum(row["stands_for"] for row in self.bins[name])
             upto.append(total)
         best, nearest = None, math.inf
-        for _ in range(100):
-            rows = self.bins[bins[bisect_right(upto, number() * total)]]
-            row = rows[int(number() * len(rows))]
-            accept = number()
+        for _ in range(50):
+            at_count, accept = number() * total, number()
+            place = bisect_right(upto, at_count)
+            rows = self.bins[bins[place]]
+            counted = sum(row["stands_for"] for row in rows)
+            row = rows[min(int((upto[place] - at_count) / counted * len(rows)), len(rows) - 1)]
             earliest, latest = 60.0 * (row["minute"] - minute), 60.0 * (row["minute"] + 1 - minute)  # than t0, in s
             if exclude_s and earliest <= exclude_s and latest > -exclude_s:
                 continue

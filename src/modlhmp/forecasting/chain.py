@@ -17,8 +17,9 @@ from modlhmp.forecasting.replay import between, hold, paced
 from modlhmp.maps.pieces import HEADINGS, SLOW_M_S, features, vector_mean
 from modlhmp.tracks import clock_time
 
-MOST_TRIES = 100  # of the rejection sampler, after which the most similar snippet tried is taken
-NEIGHBOURING = 1.5  # heading bins between a particle's heading and the middle of a bin that is looked at
+MOST_TRIES = 50  # of the rejection sampler, after which the most similar snippet tried is taken
+NEIGHBOURING = 1.5  # heading bins to the middle of a bin that is looked at: a bin's people differ, the metric decides
+STROLL_M_S = 0.9  # who walks faster does not go on as one who hardly moves
 RINGS = (1, 3)  # cells around a particle that are looked at: the second only if the first holds nothing
 
 
@@ -100,29 +101,15 @@ def _move_on(mod, point, path, at, rate):
 @njit(cache=True)
 def _draw(mod, key, drawn, point, speed, heading, minute, exclude, kernel, bins, upto):
     """A snippet for a particle, -1 if there is none around, and the number of random numbers used so far."""
-    angle = heading * HEADINGS / (2 * np.pi)  # not from the point: there a heading may count nothing
-    ci, cj = int(np.floor(point[0] / mod.cell)) - mod.origin[0], int(np.floor(point[1] / mod.cell)) - mod.origin[1]
-    total, number = 0.0, 0
-    for ring in RINGS:
-        for i in range(max(ci - ring, 0), min(ci + ring + 1, mod.index.shape[0])):
-            for j in range(max(cj - ring, 0), min(cj + ring + 1, mod.index.shape[1])):
-                for h in range(HEADINGS + 1):
-                    b = mod.index[i, j, h]
-                    turn = abs((h - angle + HEADINGS / 2) % HEADINGS - HEADINGS / 2)
-                    if b >= 0 and (h == HEADINGS or speed < SLOW_M_S or turn <= NEIGHBOURING):
-                        total += mod.count[b]
-                        bins[number], upto[number] = b, total
-                        number += 1
-        if number:
-            break
-    best, nearest = -1, np.inf
-    if not number:
-        return best, drawn
-    for _ in range(MOST_TRIES):
-        b = bins[np.searchsorted(upto[:number], uniform(key, drawn) * total, side="right")]
-        row = mod.starts[b] + int(uniform(key, drawn + 1) * (mod.starts[b + 1] - mod.starts[b]))
-        accept = uniform(key, drawn + 2)
-        drawn += 3
+    number = _bins_around(mod, point, speed, heading, bins, upto)
+    best, nearest, tries = -1, np.inf, MOST_TRIES if number else 0
+    for _ in range(tries):
+        at, accept = uniform(key, drawn) * upto[number - 1], uniform(key, drawn + 1)
+        drawn += 2
+        place = np.searchsorted(upto[:number], at, side="right")
+        b = bins[place]
+        size = mod.starts[b + 1] - mod.starts[b]
+        row = mod.starts[b] + min(int((upto[place] - at) / mod.count[b] * size), size - 1)
         if exclude > 0.0 and -exclude - 1.0 < mod.minute[row] - minute <= exclude:
             continue
         d2 = 0.0
@@ -133,3 +120,29 @@ def _draw(mod, key, drawn, point, speed, heading, minute, exclude, kernel, bins,
         if d2 < nearest:
             best, nearest = row, d2
     return best, drawn
+
+
+@njit(cache=True)
+def _bins_around(mod, point, speed, heading, bins, upto):
+    """Fill `bins` around a particle and `upto`, how many pieces they and those before stand for; returns their number.
+
+    A particle that hardly moves looks at all headings, one that walks at the bins around its own, and one that strolls
+    at those who hardly move as well.
+    """
+    angle = heading * HEADINGS / (2 * np.pi)  # not from the point: there a heading may count nothing
+    ci, cj = int(np.floor(point[0] / mod.cell)) - mod.origin[0], int(np.floor(point[1] / mod.cell)) - mod.origin[1]
+    number, total = 0, 0.0
+    for ring in RINGS:
+        for i in range(max(ci - ring, 0), min(ci + ring + 1, mod.index.shape[0])):
+            for j in range(max(cj - ring, 0), min(cj + ring + 1, mod.index.shape[1])):
+                for h in range(HEADINGS + 1):
+                    turn = abs((h - angle + HEADINGS / 2) % HEADINGS - HEADINGS / 2)
+                    near = speed < SLOW_M_S or turn <= NEIGHBOURING if h < HEADINGS else speed < STROLL_M_S
+                    b = mod.index[i, j, h] if near else -1
+                    if b >= 0:
+                        total += mod.count[b]
+                        bins[number], upto[number] = b, total
+                        number += 1
+        if number:
+            break
+    return number

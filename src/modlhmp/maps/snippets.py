@@ -56,8 +56,9 @@ def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0
 class SnippetArrays(NamedTuple):
     """What kernels see of a snippet flow map.
 
-    Per snippet, sorted by bin: `points` [m, 8] in the metric, `speed` [m] in m/s, `steps` [m] walked and whether the
-    person `leaves` [m] then, `path` [m, past + 1 + L, 2] with the start as its row `past`, `minute` [m] of the start.
+    Per snippet, sorted by bin: `points` [m, 8] in the metric (float32), `speed` [m] in m/s, `steps` [m] walked and
+    whether the person `leaves` [m] then, `path` [m, past + 1 + L, 2] with the start as its row `past`, `minute` [m] of
+    the start.
     Per bin b: snippets `starts[b]` to `starts[b + 1]`, which stand for `count[b]`. `index` [cells in x, cells in y,
     HEADINGS + 1] is a cell's bins, -1 where empty; `origin` is its first cell, `cell` its size in m. `weights` [past]
     are those of the last steps, `metric` the numbers of the `Metric`.
@@ -110,7 +111,7 @@ class SnippetMap:
         used[: len(weights)] = weights[:past]
         self.arrays = SnippetArrays(
             index, origin, cell, np.append(0, np.cumsum(np.minimum(held, most))),
-            held * table["stands_for"].to_numpy()[first].astype(float), points, speed,
+            held * table["stands_for"].to_numpy()[first].astype(float), points.astype(np.float32), speed,
             np.minimum(steps, length).astype(np.int64), steps <= length, minute,
             np.ascontiguousarray(path[:, : past + 1 + length]), past, self.step_s, used / used.sum(), np.array(metric),
         )  # fmt: skip
