@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from modlhmp.paper.style import PAGE_MM, figure, save
+from modlhmp.paper.style import PAGE_MM, empty_panel, figure, save
 from modlhmp.paper.table_forms import write_table
 from modlhmp.scoring.ladder import LEAST_DAYS
 
@@ -44,13 +44,13 @@ def _rungs(scored, compared, rows, above, reference, horizon, costs, titles):
             {
                 "what changes": change,
                 "method": titles[method],
-                "ADE / FDE [m]": f"{complete.ade_m:.2f} / {complete.fde_m:.2f}",
+                "ADE / FDE [m]": _errors(complete),
                 "n": f"{complete.n}",
                 "ADE less the row above": _difference(compared, "complete", horizon, method, above.get(method)),
                 f"less {titles[reference]}": _difference(compared, "complete", horizon, method, reference),
                 "FDE, the same": _difference(compared, "complete", horizon, method, reference, "fde"),
                 "ms a track": f"{costs[method]:.2g}" if method in costs else "–",
-                "paper protocol": "–" if not paper.n else f"{paper.ade_m:.2f} / {paper.fde_m:.2f}",
+                "paper protocol": _errors(paper),
                 "paper protocol: n": f"{paper.n}/{paper.eligible}",
             }
         )
@@ -65,19 +65,25 @@ def _beside(scored, compared, beside, horizons, titles):
         for horizon in horizons:
             one = _row(scored, "complete", horizon, method=method)
             difference = _difference(compared, "complete", horizon, method, against)
-            cells[f"{horizon:g} s"] = f"{one.ade_m:.2f} / {one.fde_m:.2f}; {difference}"
+            cells[f"{horizon:g} s"] = f"{_errors(one)}; {difference}" if one.n else "–"
         table.append(cells)
     return pd.DataFrame(table)
 
 
+def _errors(row):
+    """`2.31 / 4.10`, a dash where nobody was scored."""
+    return f"{row.ade_m:.2f} / {row.fde_m:.2f}" if row.n else "–"
+
+
 def _difference(compared, protocol, horizon, method, against, metric="ade"):
-    """`-2.31 (-2.85 to -1.73), -26 %` of a pair, a dash where there is none."""
+    """`-2.31 (-2.85 to -1.73), -26 %` of a pair, a dash where there is none; one person has no interval."""
     if against is None or against == method:
         return "–"
     one = _row(compared, protocol, horizon, method=method, against=against, metric=metric)
     if not one.n:
         return "–"
-    return f"{one.difference_m:+.2f} ({one.low_m:+.2f} to {one.high_m:+.2f}), {one.percent:+.0f} %"
+    interval = f" ({one.low_m:+.2f} to {one.high_m:+.2f})" if np.isfinite(one.low_m) else ""
+    return f"{one.difference_m:+.2f}{interval}, {one.percent:+.0f} %"
 
 
 def _row(table, protocol, horizon, **wanted):
@@ -104,6 +110,10 @@ def draw(scored, datasets, ladder, titles, with_memory, stem):
         mine = complete[complete["dataset"] == dataset["name"]]
         for panel, horizon in zip(line, horizons[dataset["name"]], strict=False):
             at = mine[mine["horizon_s"] == horizon].set_index("method").loc[rows]
+            panel.set_yticks(place, [])
+            if not at["n"].any():
+                empty_panel(panel, f"{dataset['title']}: no test track of {horizon:g} s")
+                continue
             panel.plot(at["ade_m"], place, color="0.6", linewidth=0.8, zorder=1)
             for y, (method, rung) in zip(place, at.iterrows(), strict=True):
                 colour = COLOURS["reference" if method == reference else "ours" if method in with_memory else "before"]
@@ -116,7 +126,6 @@ def draw(scored, datasets, ladder, titles, with_memory, stem):
                 at.loc[reference, "ade_m"], color=COLOURS["reference"], linewidth=0.6, linestyle=":", zorder=0
             )
             panel.set(xlim=(0, 1.2 * np.nanmax([at["ade_m"], at["ade_high_m"]])), ylim=(-0.7, len(rows) - 0.3))
-            panel.set_yticks(place, [])
             panel.set_title(f"{dataset['title']}: {horizon:g} s", loc="left")
             panel.set_xlabel(f"ADE [m], n = {at['n'].iloc[0]}")
         line[0].set_yticklabels([titles[method] for method in rows])
