@@ -1,6 +1,7 @@
 """The ladder: bootstrap intervals against closed forms, SciPy and a loop; errors and differences against loops."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pyarrow as pa
@@ -184,6 +185,16 @@ def test_people_counted_twice_within_their_days_tell_nothing_new():
 
 def test_where_all_are_alike_the_interval_is_a_point():
     np.testing.assert_allclose(bootstrap(np.full(30, 2.5), persons(30)), 2.5, rtol=1e-12)
+
+
+def test_many_people_need_little_memory():
+    """A day of ATC has tens of thousands, whose resamples must not all be held at once."""
+    values = np.random.default_rng(12).normal(5, 1, 3000)
+    tracemalloc.start()
+    bootstrap(values, np.arange(3000))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 300 * 8 * len(values)
 
 
 # --- clusters -----------------------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.summary import main_output
 
 RESAMPLES = 4000
+AT_ONCE = 100  # resamples: all of tens of thousands of persons would be gigabytes
 LEAST_DAYS = 5  # fewer days cannot say how days differ
 SCORES = (
     "dataset", "protocol", "horizon_s", "method", "ade_m", "ade_low_m", "ade_high_m", "fde_m", "n", "eligible",
@@ -31,8 +32,11 @@ def bootstrap(values, cluster):
     mean, number = sums.sum() / counts.sum(), len(sums)
     if number < 2:
         return mean, np.nan, np.nan
-    drawn = np.random.default_rng(0).multinomial(number, np.full(number, 1 / number), RESAMPLES)
-    return mean, *np.percentile((drawn @ sums) / (drawn @ counts), [2.5, 97.5])
+    rng, alike, means = np.random.default_rng(0), np.full(number, 1 / number), []
+    for _ in range(RESAMPLES // AT_ONCE):
+        drawn = rng.multinomial(number, alike, AT_ONCE)
+        means.append((drawn @ sums) / (drawn @ counts))
+    return mean, *np.percentile(means, [2.5, 97.5])
 
 
 def clusters(keys, days):
