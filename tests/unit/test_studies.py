@@ -1,17 +1,21 @@
-"""Parameter studies: the fixed sample of tracks, and variants that differ by the parameter alone."""
+"""Studies: the fixed sample of tracks, variants that differ by the parameter alone, maps from fewer tracks."""
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from modlhmp.forecasting import forecast_recording, make_forecaster
-from modlhmp.maps import cliff
-from modlhmp.scoring import score_recording
-from modlhmp.scoring.studies import sample_tracks, vary
+from modlhmp.maps import cliff, episodes, snippets
+from modlhmp.scoring import score_recording, studies
+from modlhmp.scoring.studies import sample_tracks, vary, vary_training
+from modlhmp.settings import THINNED
 from modlhmp.storage import write_parquet
 from modlhmp.tracks import Tracks
 
 DATASET = {"name": "hall", "observed_rows": 4, "horizon_s": 8.0, "time_step_s": 1.0, "timezone": "UTC",
-           "velocity": "columns", "paper_protocol": {"idle_filter": None}}  # fmt: skip
+           "velocity": "columns", "paper_protocol": {"idle_filter": None},
+           "difference_weights": [0.48, 0.33, 0.19]}  # fmt: skip
 OPTIONS = {
     "k": 3, "beta": 1.0, "sampling_radius_m": 1.0, "speed": "constant", "velocity": "columns", "output": "ranked",
     "exits": False,
@@ -72,3 +76,111 @@ def test_a_larger_radius_keeps_more_walkers_on_the_map(map_path):
     variants = dict(vary("sampling_radius_m", [0.5, 3.0], METHOD, {"day": people(1, 40)}, DATASET, map_path, [0]))
     scored = {value: table["scored_steps"].to_numpy().sum() for value, table in variants.items()}
     assert scored[3.0] > scored[0.5]
+
+
+# --- less training data -------------------------------------------------------------------------------------
+
+UNLIKE = {"heading_m": 8.0, "speed_m": 6.0, "change_m": 2.0, "hour_m": 0.0, "pace": 1.0, "exclude_s": 0}
+THREE = [
+    METHOD,
+    {"name": "replay", "kind": "episodes", "options": {"k": 5, "reach_m": 10.0, **UNLIKE}},
+    {
+        "name": "chain",
+        "kind": "snippets",
+        "options": {"k": 8, "length_s": 3.0, "most": 9, "kernel_m": 1.2, "exits": True, **UNLIKE},
+    },
+]
+MAPS = {
+    "cliff": {"resolution_m": 1.0, "radius_m": 1.0, "min_observations": 5, "bandwidth": "isotropic"},
+    "snippets": {"cell_m": 1.0, "length_s": 4.0, "most": 20},
+    "exits": {"cell_m": 1.0},
+}
+
+
+def trained(shares, methods=THREE, training=None, day=None, seeds=(0, 1)):
+    """{(share, method): errors} of maps from these shares."""
+    training, day = people(1000, 60) if training is None else training, people(1, 25) if day is None else day
+    found = vary_training(shares, methods, training, {"day": day}, DATASET, MAPS, list(seeds))
+    return {(share, name): errors for share, name, errors in found}
+
+
+@pytest.fixture
+def built(monkeypatch):
+    """The tracks from which the episode map of each share is built, in their order."""
+    seen, build = [], studies.BUILDERS["episodes"]
+    monkeypatch.setitem(studies.BUILDERS, "episodes", lambda tracks, *rest: seen.append(tracks) or build(tracks, *rest))
+    return seen
+
+
+def test_all_of_the_tracks_give_the_main_run_s_errors(tmp_path):
+    """A share of 1 is the map itself: same random numbers, same errors, for every kind."""
+    whole, day = people(1000, 60), people(1, 25)
+    tables = {
+        "cliff": cliff.build(whole, **MAPS["cliff"]),
+        "episodes": episodes.build(whole, 1.0),
+        "snippets": snippets.build(whole, 1.0, past=3, **MAPS["snippets"]),
+    }
+    study = trained([1.0], training=whole, day=day)
+    for method in THREE:
+        name, kind, options = method.values()
+        write_parquet(tables[kind], tmp_path / f"{kind}.parquet")
+        forecaster = make_forecaster(kind, options, DATASET, tmp_path / f"{kind}.parquet")
+        drawn = [0] if kind == "episodes" else [0, 1]
+        forecasts = forecast_recording(day, forecaster, DATASET, ("hall", name, "day"), options["k"], drawn)
+        assert study[1.0, name].equals(score_recording(day, forecasts, "day", DATASET))
+
+
+def test_the_ways_out_are_those_of_the_same_share():
+    """A method that samples its map may use them: fewer of its particles are still there."""
+    out = {**METHOD, "name": "out", "options": {**OPTIONS, "exits": True, "output": "geometric_median", "k": 20}}
+    stay = {**out, "name": "stay", "options": {**out["options"], "exits": False}}
+    found = trained([0.5], [out, stay])
+    ends = {name: np.stack(found[0.5, name]["fde"].to_numpy())[:, -1] for name in ("out", "stay")}
+    assert np.isfinite(ends["out"]).any()
+    assert not np.array_equal(ends["out"], ends["stay"], equal_nan=True)
+
+
+def test_every_share_and_method_comes_once_with_its_seeds():
+    found = trained([0.2, 1.0])
+    assert list(found) == [(share, method["name"]) for share in (0.2, 1.0) for method in THREE]
+    for (_, name), errors in found.items():
+        assert set(errors["seed"].to_pylist()) == ({0} if name == "replay" else {0, 1})
+        assert set(errors["track_id"].to_pylist()) == set(range(1, 26))
+
+
+def test_a_larger_share_holds_all_that_a_smaller_one_does(built):
+    """Whole tracks, about as many as asked for, the same ones whatever the other shares are; 1 is all."""
+    training, shares = people(1000, 600, rows=6), [0.05, 0.3, 0.6, 1.0]
+    trained(shares, THREE[1:2], training)
+    ids = [set(tracks.track_id.tolist()) for tracks in built]
+    assert all(smaller < larger for smaller, larger in pairwise(ids))
+    for share, tracks, some in zip(shares, built, ids, strict=True):
+        assert len(some) == pytest.approx(600 * share, abs=4 * np.sqrt(600 * share * (1 - share)))
+        assert (np.diff(tracks.bounds()) == 6).all()
+        for column, other in zip(tracks, training, strict=True):
+            np.testing.assert_array_equal(column, other[np.isin(training.track_id, list(some))])
+    built.clear()
+    trained([0.3], THREE[1:2], training)
+    assert set(built[0].track_id.tolist()) == ids[1]
+
+
+def test_fewer_tracks_forecast_differently():
+    """The share reaches every kind of map."""
+    found = trained([0.1, 1.0])
+    for method in THREE:
+        few, all_ = (np.stack(found[share, method["name"]]["fde"].to_numpy()) for share in (0.1, 1.0))
+        assert not np.array_equal(few, all_, equal_nan=True)
+
+
+def test_a_share_of_nobody_still_has_errors():
+    """An empty map: everybody is forecast by constant velocity in the complete protocol, or not at all."""
+    found = trained([1e-12])
+    for errors in found.values():
+        rows = errors.to_pandas()
+        complete = rows[rows["protocol"] == "complete"]
+        assert (complete["scored_steps"] == complete["eligible_steps"]).all()
+
+
+def test_the_configuration_accepts_what_can_be_thinned():
+    """Its check and the study know the same kinds."""
+    assert set(THINNED) == set(studies.BUILDERS) - {"exits"}
