@@ -77,7 +77,8 @@ def _snippets(panel, file, start, dataset, person):
     near = np.flatnonzero(np.hypot(*(xy - start).T) <= SNIPPETS_M)
     near = np.sort(np.random.default_rng(0).permutation(near)[:MOST_DRAWN])
     past = int(table.schema.metadata[b"past"])
-    path = table["path"].combine_chunks().flatten().to_numpy().reshape(len(xy), -1, 2)[near, past:].astype(float)
+    width = table.schema.field("path").type.list_size // 2
+    path = table["path"].combine_chunks().flatten().to_numpy().reshape(-1, width, 2)[near, past:].astype(float)
     walked = table["steps"].to_numpy()[near]
     lines = [one[: steps + 1] + xy[row] for one, steps, row in zip(path, walked, near, strict=True)]
     extent = np.vstack([start[None], *lines])

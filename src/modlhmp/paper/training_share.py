@@ -28,7 +28,8 @@ def draw(folders, datasets, titles, horizons, stem):
                 panel.plot(100 * curve["share"], curve["ade_m"], **style.method_style(position))
             panel.set_xscale("log")
             panel.set_ylim(bottom=0)
-            panel.set_title(f"{dataset['title']}: {horizon:g} s (n = {here['n'].max():.0f})", loc="left")
+            n = here["n"].max() if len(here) else 0
+            panel.set_title(f"{dataset['title']}: {horizon:g} s (n = {n:.0f})", loc="left")
         for panel in line[len(drawn) :]:
             panel.set_axis_off()
         line[0].set_ylabel("ADE [m]")
