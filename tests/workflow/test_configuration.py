@@ -102,6 +102,17 @@ def test_an_unknown_reader_is_refused(own):
     assert "reader: 'csv' is not one of" in output
 
 
+def test_an_average_on_the_ladder_is_timed_by_its_members(project):
+    """Which may be no rungs themselves: their maps and weights are asked for all the same."""
+    (project.folder / "short.yaml").write_text(
+        "ladder: {reference: cvm, rows: [[cvm, a line], [all_three, a mean]], beside: []}\n"
+    )
+    target = "results/demo/demo_hall/costs.json"
+    output = project.snakemake("-n", "--quiet", "rules", "--configfile", "short.yaml", "--", target)
+    for rule in ("build_episodes", "build_snippets", "train_neural_map"):
+        assert rule in output
+
+
 def test_a_missing_recording_is_asked_for(project):
     """Without sources: the file, the folder and the owner's page."""
     target = "results/real/atc_1day/tracks/atc-20121024-1hz-test.parquet"

@@ -14,7 +14,9 @@ LADDER_METHODS = list(
         ]
     )
 )
-COSTED = [name for name in RUNGS if name not in AVERAGES]
+COSTED = list(
+    dict.fromkeys(part for name in RUNGS for part in members(config, name) or [name])
+)
 
 
 rule measure_costs:
