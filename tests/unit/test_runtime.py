@@ -8,12 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from modlhmp.forecasting import make_forecaster
 from modlhmp.maps import cliff
 from modlhmp.paper import claims
 from modlhmp.paper.runtime_figure import draw
-from modlhmp.scoring.runtime import copied, exponent
+from modlhmp.scoring.runtime import REPETITIONS, copied, exponent, milliseconds_a_track, some_tracks
 from modlhmp.storage import write_parquet
-from modlhmp.tracks import Tracks, write_tracks
+from modlhmp.tracks import Tracks, empty_tracks, usable_tracks, write_tracks
 
 DATASET = {"name": "hall", "title": "Hall", "label": "atc", "observed_rows": 4, "horizon_s": 12.0, "time_step_s": 1.0,
            "timezone": "UTC", "velocity": "columns", "floor_plan": [], "demo": True}  # fmt: skip
@@ -126,3 +127,72 @@ def test_claims_about_the_runtime():
     assert table["the exponent of time in N is 1"] == "supported"
     assert table["the exponent of time in T is 1"] == table["the exponent of time in M is 1"] == "grows more slowly"
     assert (table["273 MB"], table["152 kB"]) == ("ours is smaller", "ours is larger")
+
+
+# --- costs of the ladder ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("number", "expected"), [(4, 4), (10, 10), (13, 13), (25, 25), (26, 25), (500, 25)])
+def test_some_tracks_are_so_many(number, expected):
+    """Of 10 and 15 people; never more than asked for, all if there are fewer."""
+    some = some_tracks([people(10), people(15)], DATASET, number)
+    assert len(usable_tracks(some, DATASET["observed_rows"])) == expected
+    assert len(np.unique(some.track_id)) == expected
+
+
+def test_some_tracks_are_whole_and_the_first():
+    """Those of the first recording, in their order, then the next one's; who is too short to forecast is not timed."""
+    first, second = people(10), people(15)
+    short = np.isin(first.track_id, [1, 4]) & (np.tile(np.arange(20), 10) >= 4)
+    some = some_tracks([first.take(~short), second], DATASET, 12)
+    for name in ("t", "x", "y"):
+        expected = [getattr(first, name)[~np.isin(first.track_id, [1, 4])], getattr(second, name)[: 4 * 20]]
+        np.testing.assert_array_equal(getattr(some, name), np.concatenate(expected))
+
+
+def test_people_of_two_recordings_stay_two_people():
+    """Ids start at 0 in both: nobody's track becomes part of another's."""
+    some = some_tracks([people(3), people(3), people(3)], DATASET)
+    assert len(np.unique(some.track_id)) == 9
+    assert (np.diff(some.bounds()) == 20).all()
+
+
+def test_recordings_that_are_not_needed_are_not_read():
+    """They are read one by one."""
+
+    def recordings():
+        yield people(5)
+        raise AssertionError("enough were found")
+
+    assert len(np.unique(some_tracks(recordings(), DATASET, 5).track_id)) == 5
+
+
+def test_a_cost_is_a_time_of_one_track(tmp_path):
+    """Positive and finite, of a method with a map and of one without."""
+    write_parquet(cliff.build(people(60)), tmp_path / "cliff.parquet")
+    options = {**OPTIONS, "velocity": "columns", "output": "ranked", "exits": False}
+    for kind, path in (("cliff", tmp_path / "cliff.parquet"), ("cvm", None)):
+        forecaster = make_forecaster(kind, options, DATASET, path)
+        cost = milliseconds_a_track(forecaster, people(8), DATASET, 3)
+        assert 0 < cost < np.inf
+
+
+def test_a_cost_is_shared_among_the_tracks(monkeypatch):
+    """With a clock that says 2 s for every run: 250 ms for each of 8 people; the first run, which compiles, is free."""
+    calls = []
+
+    def forecaster(observed, steps, keys):
+        calls.append((len(observed.track_id), keys.shape[1]))
+        return make_forecaster("cvm", {"velocity": "columns"}, DATASET)(observed, steps, keys)
+
+    ticks = iter(range(0, 1000, 2))
+    monkeypatch.setattr("time.perf_counter", lambda: float(next(ticks)))
+    assert milliseconds_a_track(forecaster, people(8), DATASET, 3) == pytest.approx(250)
+    assert calls == [(8, 3)] * (1 + REPETITIONS)
+
+
+def test_nobody_to_forecast_has_no_cost():
+    """Neither a crash nor a number, where no test track is usable."""
+    forecaster = make_forecaster("cvm", {"velocity": "columns"}, DATASET)
+    nobody = some_tracks([people(3, rows=4), empty_tracks()], DATASET)
+    assert np.isnan(milliseconds_a_track(forecaster, nobody, DATASET, 1))

@@ -49,7 +49,7 @@ def _rungs(scored, compared, rows, above, reference, horizon, costs, titles):
                 "ADE less the row above": _difference(compared, "complete", horizon, method, above.get(method)),
                 f"less {titles[reference]}": _difference(compared, "complete", horizon, method, reference),
                 "FDE, the same": _difference(compared, "complete", horizon, method, reference, "fde"),
-                "ms a track": f"{costs[method]:.2g}" if method in costs else "–",
+                "ms a track": f"{costs[method]:.2g}" if np.isfinite(costs.get(method, np.nan)) else "–",
                 "paper protocol": _errors(paper),
                 "paper protocol: n": f"{paper.n}/{paper.eligible}",
             }

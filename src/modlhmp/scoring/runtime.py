@@ -91,14 +91,14 @@ def some_tracks(recordings, dataset, number=500):
 
 
 def milliseconds_a_track(forecaster, tracks, dataset, k):
-    """Median time [ms] of forecasting a track among all of a table, observing included, compilation not."""
+    """Median time [ms] of forecasting a track among all of a table, with observing, without compiling; NaN of none."""
     names = (dataset["name"], "cost", "cost")
 
     def run():
         return [len(ids) for _, ids, _ in forecast_recording(tracks, forecaster, dataset, names, k, [0], [])]
 
     (number,) = run()
-    return 1000 * _times(run)[0] / number
+    return 1000 * _times(run)[0] / number if number else float("nan")
 
 
 def exponent(sizes, seconds):
