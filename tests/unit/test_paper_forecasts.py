@@ -114,6 +114,24 @@ def test_half_the_horizon_where_it_is_short():
     assert example_forecasts.shown_steps({"horizon_s": 60, "time_step_s": 1.0}) == 60
 
 
+@pytest.mark.parametrize(
+    ("output", "shown"), [("ranked", [1]), ("median", [0]), ("mean", [0, 1, 2]), ("single", [0, 1, 2])]
+)
+def test_the_futures_that_make_the_result_are_shown(output, shown):
+    """The best ranked; the median, which stands before its samples, all ranked alike; all whose errors are averaged."""
+    fitness = np.zeros((3, 4))
+    fitness[1] = output == "ranked"
+    forecast = Forecast(np.zeros((3, 4, 2)), fitness, np.full(3, 4), output)
+    assert example_forecasts.shown_futures(forecast, 4).tolist() == shown
+
+
+def test_a_median_outlives_its_samples():
+    """It lives as long as the last of them, so it is the first in rank at every horizon."""
+    alive = np.array([3, 1, 3, 0])
+    forecast = Forecast(np.zeros((4, 5, 2)), np.zeros((4, 5)), alive, "median")
+    assert [example_forecasts.shown_futures(forecast, steps).tolist() for steps in range(1, 6)] == [[0]] * 5
+
+
 @pytest.mark.parametrize("module", [ranked_forecasts, example_forecasts])
 def test_no_track_is_long_enough(tmp_path, module):
     """A labelled panel and an empty table, no crash."""

@@ -5,8 +5,11 @@ import copy
 import gzip
 import zipfile
 
+import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from modlhmp.cleaning import RULES
 from modlhmp.readers import read_recording
@@ -23,6 +26,7 @@ from modlhmp.settings import (
 )
 from modlhmp.storage import DataError
 
+FEW = settings(max_examples=30, deadline=None, derandomize=True)
 ROWS = "0,1,0,0\n1,1,1,0\n2,1,2,0\n"
 MINE = {
     "title": "My hall",
@@ -271,7 +275,8 @@ def test_methods_of_one_path_can_be_averaged(config, schemas, config_folder, nam
 
 
 def test_other_methods_average_nothing(config):
-    assert {tuple(members(config, name)) for name in config["methods"]} == {()}
+    others = [name for name, method in config["methods"].items() if method["kind"] != "average"]
+    assert {tuple(members(config, name)) for name in others} == {()}
 
 
 @pytest.mark.parametrize("name", ["cliff", "tc_cliff", "stef", "mid"])
@@ -297,6 +302,88 @@ def test_what_is_averaged_is_run_as_well(config, config_folder):
     check_config(config, config_folder / "datasets")
     assert set(methods_run(config)) >= {"mean", "episodes", "snippets"}
     assert "snippets" not in config["compare"]
+
+
+def minimal(methods, compare, rows=(), reference="cvm", beside=()):
+    """A configuration of nothing but these names; `methods` {name: those that it averages}."""
+    kinds = {
+        name: {"kind": "average", "options": {"of": of}} if of else {"kind": "cvm"} for name, of in methods.items()
+    }
+    ladder = {"reference": reference, "rows": [[row, "a change"] for row in rows], "beside": list(beside)}
+    return {"methods": kinds, "compare": compare, "ladder": ladder}
+
+
+def test_what_runs_is_closed_under_averaging():
+    """Averages of averages of averages bring their members, each once, after the names that were asked for."""
+    methods = {"a": [], "b": [], "c": [], "d": [], "ab": ["a", "b"], "abc": ["ab", "c"], "all": ["abc", "ab", "d"]}
+    assert methods_run(minimal(methods, ["all", "c"])) == ["all", "c", "abc", "ab", "d", "a", "b"]
+    assert methods_run(minimal(methods, ["ab"])) == ["ab", "a", "b"]
+
+
+@FEW
+@given(st.integers(0, 10**6))
+def test_what_runs_is_the_closure_that_a_search_finds(seed):
+    rng = np.random.default_rng(seed)
+    names = [f"m{n}" for n in range(12)]
+    methods = {name: rng.permutation(names[:n])[: rng.integers(0, 4)].tolist() for n, name in enumerate(names)}
+    asked = rng.permutation(names)[:2].tolist()
+    found, waiting = set(), list(asked)
+    while waiting:
+        name = waiting.pop()
+        found.add(name)
+        waiting += methods[name]
+    got = methods_run(minimal(methods, asked))
+    assert len(got) == len(set(got))
+    assert set(got) == found
+    assert got[:2] == asked
+
+
+def test_rungs_and_what_they_are_compared_with_are_run_as_well():
+    methods = {name: [] for name in ("a", "b", "reference", "one", "other", "unused")} | {"mean": ["a", "b"]}
+    config = minimal(methods, ["a"], ["a", "mean"], "reference", [["one", "other", "what differs"]])
+    assert methods_run(config) == ["a", "mean", "reference", "one", "other", "b"]
+
+
+def test_an_empty_ladder_needs_no_reference():
+    """Nor the pairs beside it: without rungs there is no ladder."""
+    methods = {name: [] for name in ("a", "reference", "one", "other")}
+    assert methods_run(minimal(methods, ["a"], [], "reference", [["one", "other", "what differs"]])) == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"reference": "tc_clif"}, "ladder.reference: no method named 'tc_clif'; did you mean 'tc_cliff'"),
+        ({"rows": [["cvn", "a line"]]}, "ladder.rows: no method named 'cvn'; did you mean 'cvm'"),
+        ({"beside": [["cvm", "stf", "a map"]]}, "ladder.beside: no method named 'stf'; did you mean 'stef'"),
+    ],
+)
+def test_an_unknown_rung_gets_a_hint(config, config_folder, changes, message):
+    config["ladder"] |= changes
+    with pytest.raises(DataError, match=f"configuration, {message}"):
+        check_config(config, config_folder / "datasets")
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("snipets", "studies.training.methods: no method named 'snipets'; did you mean 'snippets'"),
+        ("tc_cliff", "studies.training: tc_cliff is not of a kind cliff, episodes, snippets"),
+        ("neural_map", "studies.training: neural_map is not of a kind"),
+        ("hybrid", "studies.training: hybrid is not of a kind"),
+    ],
+)
+def test_only_maps_that_are_rebuilt_at_once_are_built_from_less(config, config_folder, name, message):
+    config["studies"]["training"]["methods"] = ["episodes", name]
+    with pytest.raises(DataError, match=f"configuration, {message}"):
+        check_config(config, config_folder / "datasets")
+
+
+@pytest.mark.parametrize("shares", [[0], [1.5], [0.1, 0.1], ["all"]])
+def test_a_share_is_part_of_the_whole(config, schemas, shares):
+    config["studies"]["training"]["shares"] = shares
+    with pytest.raises(DataError, match=r"studies\.training\.shares"):
+        check(config, schemas["config"], "my.yaml")
 
 
 def test_a_mistyped_member_gets_a_hint(config, config_folder):
