@@ -8,6 +8,7 @@ import pytest
 from matplotlib import image
 
 from modlhmp.paper import ladder, style
+from modlhmp.paper.ladder_table import write_ladder
 from modlhmp.scoring.ladder import DIFFERENCES, SCORES
 from modlhmp.scoring.protocols import PROTOCOLS
 
@@ -68,10 +69,10 @@ def compared(horizons=HORIZONS, **changes):
     return pd.DataFrame(rows, columns=DIFFERENCES)
 
 
-def write(folder, scores=None, differences=None, dataset=HALL, ladder_=LADDER, days=DAYS, costs=COSTS):
+def write(folder, scores=None, differences=None, dataset=HALL, rungs=LADDER, days=DAYS, costs=COSTS):
     """Write the table; returns its CSV."""
     scores, differences = scored() if scores is None else scores, compared() if differences is None else differences
-    ladder.write_ladder(scores, differences, costs, dataset, ladder_, TITLES, days, str(folder / "t"))
+    write_ladder(scores, differences, costs, dataset, rungs, TITLES, days, str(folder / "t"))
     return pd.read_csv(folder / "t.csv", dtype=str, keep_default_na=False)
 
 
@@ -143,7 +144,7 @@ def test_pairs_beside_the_ladder_have_a_column_a_horizon(tmp_path):
     assert row.startswith(
         "| time of day on | Snippets, hour | Snippets | 5.50 / 11.00; +2.00 (+1.88 to +2.25), +57 % |"
     )
-    write(tmp_path, ladder_={**LADDER, "beside": []})
+    write(tmp_path, rungs={**LADDER, "beside": []})
     for kind in ("md", "html"):
         assert "Beside the ladder" not in (tmp_path / f"t.{kind}").read_text()
 

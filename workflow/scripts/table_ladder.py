@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from modlhmp.logs import job_log
-from modlhmp.paper.ladder import write_ladder
+from modlhmp.paper.ladder_table import write_ladder
 from modlhmp.storage import read_parquet
 
 with job_log(snakemake.log[0]):
