@@ -192,8 +192,8 @@ def drawn(tmp_path, monkeypatch):
     shown = []
     monkeypatch.setattr(style.plt, "close", shown.append)
 
-    def draw(scores, datasets, with_memory=("snippets", "hybrid")):
-        ladder.draw(scores, datasets, LADDER, TITLES, with_memory, str(tmp_path / "f"))
+    def draw(scores, datasets, with_memory=("snippets", "hybrid"), rungs=LADDER):
+        ladder.draw(scores, datasets, rungs, TITLES, with_memory, str(tmp_path / "f"))
         assert image.imread(tmp_path / "f.png").std() > 0
         return shown[-1], pd.read_csv(tmp_path / "f.csv")
 
@@ -247,6 +247,23 @@ def test_colours_tell_the_reference_and_the_maps_with_memory(drawn):
     fig, _ = drawn(scored(), [HALL])
     colours = [line.get_color() for line in fig.axes[0].lines if line.get_marker() == "o"]
     assert colours == [ladder.COLOURS[kind] for kind in ("before", "reference", "ours", "ours")]
+
+
+def test_a_reference_that_is_no_rung_is_a_line(tmp_path, drawn):
+    """It is scored all the same; in the table every rung is compared with it."""
+    rungs = {**LADDER, "rows": [row for row in LADDER["rows"] if row[0] != "tc"]}
+    fig, _ = drawn(scored(), [HALL], rungs=rungs)
+    panel = fig.axes[2]
+    assert [line.get_xydata()[0].tolist() for line in panel.lines if line.get_marker() == "o"] == [
+        [3, 2],
+        [5, 1],
+        [6, 0],
+    ]
+    assert [line.get_xdata()[0] for line in panel.lines if line.get_linestyle() == ":"] == [4]
+    both = compared().replace({"against": {"cvm": "none"}})
+    above = both[(both["method"] == "snippets") & (both["against"] == "tc")].assign(against="cvm")
+    table = write(tmp_path, differences=pd.concat([both, above]), rungs=rungs)
+    assert table[LESS].str.split(" ").str[0].tolist() == ["-1.00", "+1.00", "+2.00"]
 
 
 def test_all_is_inside_the_panel(drawn):

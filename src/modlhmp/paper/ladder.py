@@ -15,7 +15,7 @@ def draw(scored, datasets, ladder, titles, with_memory, stem):
     wider than the paired ones of the table.
     """
     rows, reference = [method for method, _ in ladder["rows"]], ladder["reference"]
-    complete = scored[(scored["protocol"] == "complete") & scored["method"].isin(rows)]
+    complete = scored[(scored["protocol"] == "complete") & scored["method"].isin([*rows, reference])]
     names = [dataset["name"] for dataset in datasets]
     horizons = {name: sorted(set(complete.loc[complete["dataset"] == name, "horizon_s"]))[-DRAWN:] for name in names}
     columns = max(map(len, horizons.values()))
@@ -24,7 +24,8 @@ def draw(scored, datasets, ladder, titles, with_memory, stem):
     for line, dataset in zip(axes, datasets, strict=True):
         mine = complete[complete["dataset"] == dataset["name"]]
         for panel, horizon in zip(line, horizons[dataset["name"]], strict=False):
-            at = mine[mine["horizon_s"] == horizon].set_index("method").loc[rows]
+            everyone = mine[mine["horizon_s"] == horizon].set_index("method")
+            at = everyone.loc[rows]
             panel.set_yticks(place, [])
             if not at["n"].any():
                 empty_panel(panel, f"{dataset['title']}: no test track of {horizon:g} s")
@@ -38,7 +39,7 @@ def draw(scored, datasets, ladder, titles, with_memory, stem):
                 panel.annotate(f"{rung['ade_m']:.2f}", (right, y), (4, 0), textcoords="offset points", va="center",
                                fontsize=5.5, color=colour)  # fmt: skip
             panel.axvline(
-                at.loc[reference, "ade_m"], color=COLOURS["reference"], linewidth=0.6, linestyle=":", zorder=0
+                everyone.loc[reference, "ade_m"], color=COLOURS["reference"], linewidth=0.6, linestyle=":", zorder=0
             )
             panel.set(xlim=(0, 1.2 * np.nanmax([at["ade_m"], at["ade_high_m"]])), ylim=(-0.7, len(rows) - 0.3))
             panel.set_title(f"{dataset['title']}: {horizon:g} s", loc="left")
