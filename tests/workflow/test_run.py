@@ -11,14 +11,15 @@ import pytest
 from PIL import Image
 from project import ROOT, Project
 
-from modlhmp.forecasting import read_forecasts
+from modlhmp.forecasting import STORED, read_forecasts
 from modlhmp.paper import style
-from modlhmp.scoring.summary import COLUMNS
+from modlhmp.scoring.summary import COLUMNS, OUTPUTS
 from modlhmp.storage import read_metadata
 
 TINY = ("--configfile", "config/tiny.yaml")
-TABLES = ("tab_scenarios", "tab_expres", "tab_ttests", "tab_uncertainty", "claims", "tab_models")
-FIGURES = (
+# What config/paper.yaml makes as well, and what it leaves out.
+PAPER_TABLES = ("tab_scenarios", "tab_expres", "tab_ttests", "tab_uncertainty", "claims", "tab_models")
+PAPER_FIGURES = (
     *("rank", "prediction_example", "rank-metrics", "coverage", "calibration", "density", "learning-curves"),
     *(
         name.format(label)
@@ -33,11 +34,20 @@ FIGURES = (
         )
     ),
 )
-EXHIBITS = {
-    *(f"{table}.{kind}" for table in TABLES for kind in ("csv", "md", "tex", "html")),
-    *(f"{figure}.{kind}" for figure in FIGURES for kind in ("csv", "pdf", "png")),
-    "results.csv",
-}
+TABLES = (*PAPER_TABLES, "ladder-atc", "ladder-edin")
+FIGURES = (*PAPER_FIGURES, "ladder", "memory-maps", "training-share")
+
+
+def exhibits(tables, figures):
+    """Files of these, and the long table of results."""
+    return {
+        *(f"{table}.{kind}" for table in tables for kind in ("csv", "md", "tex", "html")),
+        *(f"{figure}.{kind}" for figure in figures for kind in ("csv", "pdf", "png")),
+        "results.csv",
+    }
+
+
+EXHIBITS = exhibits(TABLES, FIGURES)
 
 
 def planned(output):
@@ -98,23 +108,52 @@ def test_distributions_are_those_of_the_run_s_forecasts(tiny_run):
     """Forecast again with more futures: the output's error is the results', the first futures are the stored ones."""
     exhibits = tiny_run.folder / "paper_figures/tiny"
     results = pd.read_csv(exhibits / "results.csv")
-    results = results[(results["output"] == "ranked") & (results["protocol"] == "complete")]
+    results = results[results["output"].isin(["ranked", "median"]) & (results["protocol"] == "complete")]
     table = pd.read_csv(exhibits / "tab_uncertainty.csv", na_values="–")
-    assert set(table["method"]) == {"TC-CLiFF"}  # of the methods listed, the one that is compared
-    assert table["horizon [s]"].tolist() == [5, 10, 20, 30, 60, 5, 10, 20]
+    methods = {"TC-CLiFF": "tc_cliff", "Episodes": "episodes", "Snippets": "snippets"}
+    assert table["method"].tolist() == [*methods] * 8
+    assert table["horizon [s]"].tolist() == [horizon for horizon in (5, 10, 20, 30, 60, 5, 10, 20) for _ in methods]
     names = {"Demo hall": "demo_hall", "Demo forum": "demo_forum"}
     for _, row in table.iterrows():
-        same = results[(results["dataset"] == names[row["dataset"]]) & (results["method"] == "tc_cliff")]
+        same = results[(results["dataset"] == names[row["dataset"]]) & (results["method"] == methods[row["method"]])]
         same = same[same["horizon_s"] == row["horizon [s]"]].iloc[0]
         assert (row["real error [m]"], row["n"]) == (pytest.approx(same["fde_m"], abs=6e-4), same["n"])
     shown = pd.read_csv(exhibits / "density.csv")
-    first = shown[(shown["what"] == "sample") & (shown["rank"] <= 5)]
+    first = shown[(shown["what"] == "sample") & (shown["rank"] <= STORED)]
     for (dataset, recording, track), samples in first.groupby(["dataset", "recording", "track_id"]):
-        file = tiny_run.folder / f"results/tiny/{dataset}/forecasts/tc_cliff/{recording}.parquet"
+        file = tiny_run.folder / f"results/tiny/{dataset}/forecasts/snippets/{recording}.parquet"
         _, ids, forecast = next(iter(read_forecasts(file)))
-        future, step = (samples[name].to_numpy(int) - 1 for name in ("rank", "step_s"))
+        future, step = samples["rank"].to_numpy(int), samples["step_s"].to_numpy(int) - 1  # the median stands first
         stored = forecast.xy[np.flatnonzero(ids == track)[0], future, step]
         np.testing.assert_allclose(samples[["x_m", "y_m"]], stored, rtol=1e-5)
+
+
+def test_the_ladder_s_errors_are_the_table_s(tiny_run):
+    """Rung by rung, of both protocols, to the digits written; a rung may be a method that is not compared."""
+    exhibits = tiny_run.folder / "paper_figures/tiny"
+    results, ladder = pd.read_csv(exhibits / "results.csv"), pd.read_csv(exhibits / "ladder.csv")
+    ranks = {output: place for place, output in enumerate(OUTPUTS)}
+    main = results.loc[
+        results.groupby(["dataset", "method"])["output"].transform(lambda o: min(o, key=ranks.get)) == results["output"]
+    ]
+    both = ladder.merge(main, on=["dataset", "protocol", "horizon_s", "method"], suffixes=("", "_table"))
+    assert set(ladder["method"]) - set(both["method"]) == {"position_free", "tc_clean", "neural_map"}
+    np.testing.assert_allclose(both["ade_m"], both["ade_m_table"], rtol=1e-4)
+    np.testing.assert_allclose(both["fde_m"], both["fde_m_table"], rtol=1e-4)
+    np.testing.assert_array_equal(both["eligible"], both["eligible_table"])
+    known = ladder[ladder["n"] > 1]
+    assert ((known["ade_low_m"] <= known["ade_m"]) & (known["ade_m"] <= known["ade_high_m"])).all()
+
+
+def test_all_of_the_training_tracks_give_the_table_s_errors(tiny_run):
+    """The study's maps from every track are the run's own."""
+    exhibits = tiny_run.folder / "paper_figures/tiny"
+    study, results = pd.read_csv(exhibits / "training-share.csv"), pd.read_csv(exhibits / "results.csv")
+    keys = ["dataset", "method", "output", "protocol", "horizon_s"]
+    both = study[study["share"] == 1].merge(results, on=keys, suffixes=("", "_table"))
+    assert len(both) == (study["share"] == 1).sum() == 3 * (60 + 20)
+    np.testing.assert_allclose(both["ade_m"], both["ade_m_table"], rtol=1e-5)
+    np.testing.assert_array_equal(both["n"], both["n_table"])
 
 
 def test_every_claim_has_a_verdict(tiny_run):
@@ -130,7 +169,7 @@ def test_results_have_the_promised_columns_and_hold_together(tiny_run):
     results = pd.read_csv(tiny_run.folder / "paper_figures/tiny/results.csv")
     assert tuple(results.columns) == COLUMNS
     maps, networks = {"tc_cliff", "cliff", "stef"}, {"trajectronpp", "mid", "tutr", "social_lstm", "lstm"}
-    assert set(results["method"]) == {*maps, *networks, "cvm"}
+    assert set(results["method"]) == {*maps, *networks, "cvm", "episodes", "snippets", "hybrid"}
     assert set(results.loc[results["method"] == "mid", "output"]) == {"mean", "mean_path"}
     steps = results.groupby(["dataset", "method", "output", "protocol"])["horizon_s"].agg(["min", "max", "size"])
     assert (steps["min"] == 1).all()
@@ -140,6 +179,8 @@ def test_results_have_the_promised_columns_and_hold_together(tiny_run):
     assert (results["n"] <= results["eligible"]).all()
     assert (results[results["output"] == "single"]["seeds"] == 1).all()
     assert (results[results["output"] == "ranked"]["seeds"] == 2).all()
+    seeds = results[results["output"] == "median"].groupby("method")["seeds"].unique()
+    assert {method: list(number) for method, number in seeds.items()} == {"episodes": [1], "snippets": [2]}
     for _, curve in results.groupby(["dataset", "method", "output", "protocol"]):
         assert curve.sort_values("horizon_s")["eligible"].is_monotonic_decreasing
 
@@ -210,8 +251,16 @@ def test_report_holds_the_exhibits(tiny_run):
         ("paper/tables.py", {"table_parameters", "table_results", "table_ttests", "all"}),
         ("scoring/reliability.py", {"table_uncertainty", "figure_calibration", "all"}),
         ("paper/density_maps.py", {"figure_density", "all"}),
-        ("scoring/studies.py", {"study_parameter", "figure_parameters", "table_claims", "all"}),
-        ("scoring/runtime.py", set()),  # a target of its own
+        (
+            "scoring/studies.py",
+            {"study_parameter", "figure_parameters", "study_training", "figure_training", "table_claims", "all"},
+        ),
+        ("scoring/ladder.py", {"climb_ladder", "table_ladder", "figure_ladder", "all"}),
+        ("paper/ladder.py", {"figure_ladder", "all"}),
+        ("paper/ladder_table.py", {"table_ladder", "all"}),
+        ("paper/memory_maps.py", {"figure_memory_maps", "all"}),
+        ("paper/training_share.py", {"figure_training", "all"}),
+        ("scoring/runtime.py", {"measure_costs", "table_ladder", "all"}),  # its study is a target of its own
         ("logs.py", set()),  # how jobs report
     ],
 )
@@ -286,4 +335,5 @@ def test_the_paper_s_configuration_runs_on_recordings_laid_out_like_it(tmp_path)
     (project.folder / "one_seed.yaml").write_text("seeds: [0]\nlearned: {budget: demo}\n")
     arguments = ("--cores", 2, "--configfile", "config/paper.yaml", "one_seed.yaml")
     project.snakemake(*arguments, MODLHMP_DATA=str(tmp_path / "data"))
-    assert {file.name for file in Path(project.folder / "paper_figures/paper").iterdir()} == EXHIBITS
+    paper = exhibits(PAPER_TABLES, PAPER_FIGURES)
+    assert {file.name for file in Path(project.folder / "paper_figures/paper").iterdir()} == paper
