@@ -186,8 +186,8 @@ def test_a_snippet_ends_where_its_person_left(tmp_path, figures):
     """Its track ends at x = 8; the held rest of its path is not drawn."""
     make_run(tmp_path, training=walkers(9, 3, 1.0))
     fig, _ = draw(tmp_path, figures)
-    ends = {path[0, 0]: path[-1, 0] for path in snippets_drawn(fig.axes[0])}
-    assert ends == {4.0: 7.0, 5.0: 8.0, 6.0: 8.0, 7.0: 8.0}  # the map stores three steps
+    drawn = {path[0, 0]: path[:, 0].tolist() for path in snippets_drawn(fig.axes[0])}
+    assert drawn == {4: [4, 5, 6, 7], 5: [5, 6, 7, 8], 6: [6, 7, 8], 7: [7, 8]}  # the map stores three steps
 
 
 def test_not_more_snippets_are_drawn_than_can_be_seen(tmp_path, figures, monkeypatch):
