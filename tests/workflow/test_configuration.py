@@ -59,7 +59,7 @@ OWN = ("--cores", 2, "--configfile", "own.yaml")
 
 
 @pytest.mark.parametrize(
-    "overlays", [(), ("real",), ("paper",), ("tiny",), ("real", "choices"), ("real", "validation")]
+    "overlays", [(), ("real",), ("paper",), ("tiny",), ("real", "choices"), ("real", "validation"), ("real", "ladder")]
 )
 def test_every_shipped_configuration_plans(project, overlays):
     """A dry run at the root plans jobs, with recordings or without."""
