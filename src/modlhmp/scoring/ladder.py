@@ -6,7 +6,7 @@ import pandas as pd
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.summary import main_output
 
-RESAMPLES = 4000
+RESAMPLES = 2000
 AT_ONCE = 100  # resamples: all of tens of thousands of persons would be gigabytes
 LEAST_DAYS = 5  # fewer days cannot say how days differ
 SCORES = (
