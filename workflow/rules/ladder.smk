@@ -143,7 +143,12 @@ rule figure_ladder:
         datasets=SETTINGS,
         ladder=config["ladder"],
         titles=titles_of(RUNGS),
-        with_memory=[name for name in RUNGS if METHODS[name]["kind"] in BEYOND_KINDS],
+        with_memory=[
+            name
+            for name in RUNGS
+            if METHODS[name]["kind"] in BEYOND_KINDS
+            and METHODS[name]["options"].get("grids", True)  # else it knows no place
+        ],
         code=code_of("figure_ladder"),
     message:
         "Figure ladder"
