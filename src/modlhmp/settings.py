@@ -35,7 +35,7 @@ DATASET_DEFAULTS = {
 }
 THINNED = ("cliff", "episodes", "snippets")
 VALIDATION_DAYS = 0.3
-AVERAGED = ("cvm", "episodes", "snippets", *(kind for kind in LEARNED_KINDS if kind != "mid"))
+AVERAGED = ("average", "cvm", "episodes", "snippets", *(kind for kind in LEARNED_KINDS if kind != "mid"))
 _READER_NEEDS = {
     "edinburgh": ("frame_rate", "scale"),
     "edinburgh_rows": ("frame_rate", "scale", "row_stride"),
@@ -95,6 +95,8 @@ def check_config(config, datasets_folder):
                     f"configuration, methods.{name}.options.of: {member} has no single path to be averaged; "
                     f"kinds that have are {', '.join(AVERAGED)}"
                 )
+    for name in config["methods"]:
+        averaged_parts(config, name)
     for key, names in named.items():
         for name in names:
             if name not in config["methods"]:
@@ -132,6 +134,14 @@ def members(config, name):
     """The methods whose forecasts a method averages; none for most."""
     method = config["methods"][name]
     return method.get("options", {}).get("of", []) if method["kind"] == "average" else []
+
+
+def averaged_parts(config, name, within=()):
+    """The methods that make their own forecasts of those that a method averages, itself if it averages none."""
+    if name in within:
+        raise DataError(f"configuration, methods.{name}.options.of: {' of '.join((*within, name))} averages itself")
+    parts = [part for one in members(config, name) for part in averaged_parts(config, one, (*within, name))]
+    return list(dict.fromkeys(parts)) or [name]
 
 
 def method_settings(config, name, tuned=None):

@@ -12,6 +12,7 @@ from snakemake.exceptions import WorkflowError
 from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.maps import FOLLOWED, KINDS as MAP_KINDS, SAMPLED, map_path
 from modlhmp.settings import (
+    averaged_parts,
     check,
     check_config,
     check_datasets,

@@ -15,7 +15,7 @@ LADDER_METHODS = list(
     )
 )
 COSTED = list(
-    dict.fromkeys(part for name in RUNGS for part in members(config, name) or [name])
+    dict.fromkeys(part for name in RUNGS for part in averaged_parts(config, name))
 )
 
 
@@ -48,7 +48,9 @@ rule measure_costs:
         methods=lambda wildcards: {
             name: method_of(wildcards.dataset, name) for name in COSTED
         },
-        averages={name: members(config, name) for name in RUNGS if name in AVERAGES},
+        averages={
+            name: averaged_parts(config, name) for name in RUNGS if name in AVERAGES
+        },
         dataset=lambda wildcards: settings_of(wildcards.dataset, STUDY_KEYS),
         code=code_of("measure_costs"),
     message:
