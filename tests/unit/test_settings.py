@@ -15,6 +15,7 @@ from modlhmp.cleaning import RULES
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import find_recording, open_raw
 from modlhmp.settings import (
+    averaged_parts,
     check,
     check_config,
     check_tuned,
@@ -282,18 +283,8 @@ def test_other_methods_average_nothing(config):
 @pytest.mark.parametrize("name", ["cliff", "tc_cliff", "stef", "mid"])
 def test_futures_of_equal_standing_have_no_path_to_average(config, config_folder, name):
     averaging(config, "episodes", name)
-    message = (
-        f"configuration, methods.mean.options.of: {name} has no single path to be averaged; kinds that have are cvm, "
-    )
+    message = f"configuration, methods.mean.options.of: {name} has no single path to be averaged; kinds that have are average, cvm, "
     with pytest.raises(DataError, match=message):
-        check_config(config, config_folder / "datasets")
-
-
-def test_an_average_is_not_averaged_again(config, config_folder):
-    averaging(config, "episodes", "snippets")
-    config["methods"]["again"] = {"kind": "average", "title": "Again", "options": {"of": ["mean", "episodes"]}}
-    config["compare"].append("again")
-    with pytest.raises(DataError, match=r"methods\.again\.options\.of: mean has no single path"):
         check_config(config, config_folder / "datasets")
 
 
@@ -384,6 +375,22 @@ def test_a_share_is_part_of_the_whole(config, schemas, shares):
     config["studies"]["training"]["shares"] = shares
     with pytest.raises(DataError, match=r"studies\.training\.shares"):
         check(config, schemas["config"], "my.yaml")
+
+
+def test_averages_of_averages_are_made_of_what_forecasts(config, config_folder):
+    averaging(config, "episodes", "inner")
+    config["methods"]["inner"] = {"kind": "average", "title": "Inner", "options": {"of": ["lstm", "episodes"]}}
+    check_config(config, config_folder / "datasets")
+    assert averaged_parts(config, "mean") == ["episodes", "lstm"]
+    assert averaged_parts(config, "lstm") == ["lstm"]
+    assert set(methods_run(config)) >= {"mean", "inner", "episodes", "lstm"}
+
+
+def test_an_average_of_itself_is_refused(config, config_folder):
+    averaging(config, "episodes", "inner")
+    config["methods"]["inner"] = {"kind": "average", "title": "Inner", "options": {"of": ["lstm", "mean"]}}
+    with pytest.raises(DataError, match=r"methods\.mean\.options\.of: mean of inner of mean averages itself"):
+        check_config(config, config_folder / "datasets")
 
 
 def test_a_mistyped_member_gets_a_hint(config, config_folder):
