@@ -283,7 +283,7 @@ def test_other_methods_average_nothing(config):
 @pytest.mark.parametrize("name", ["cliff", "tc_cliff", "stef", "mid"])
 def test_futures_of_equal_standing_have_no_path_to_average(config, config_folder, name):
     averaging(config, "episodes", name)
-    message = f"configuration, methods.mean.options.of: {name} has no single path to be averaged; kinds that have are average, cvm, "
+    message = rf"methods\.mean\.options\.of: {name} has no single path to be averaged; kinds that have are average, cvm"
     with pytest.raises(DataError, match=message):
         check_config(config, config_folder / "datasets")
 
