@@ -16,10 +16,16 @@ from matplotlib.transforms import Affine2D
 MM = 1 / 25.4
 COLUMN_MM, PAGE_MM = 88.0, 180.0
 
-# Okabe and Ito's palette: told apart by colour-blind people; line styles and markers tell methods apart in grey.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#8B4513")
-_LINES = ("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (7, 2)), (0, (2, 2)))
-_MARKERS = "osD^vPX*h"
+# Okabe and Ito's palette, then Tol's: told apart by colour-blind people; lines and markers tell methods apart in grey.
+_COLOURS = (
+    *("#0072B2", "#D55E00", "#009E73", "#000000", "#CC79A7", "#E69F00", "#56B4E9", "#7F7F7F", "#8B4513"),
+    *("#882255", "#332288", "#999933"),
+)
+_LINES = (
+    *("-", "--", "-.", ":", (0, (5, 1)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (7, 2)), (0, (2, 2))),
+    *((0, (9, 1)), (0, (8, 2, 1, 2)), (0, (4, 1, 1, 1, 1, 1))),
+)
+_MARKERS = "osD^vPX*h<>p"
 
 _PLAN_GREYS = (255, 240, 205)  # free, unknown, occupied
 WALL_COLOUR = str(_PLAN_GREYS[2] / 255)
