@@ -24,16 +24,16 @@ from modlhmp.forecasting import forecast_recording, make_forecaster
 from modlhmp.forecasting.base import stream_keys, uniforms
 from modlhmp.forecasting.observe import current_velocity, observe, usable_tracks
 from modlhmp.forecasting.rollout import roll_out
-from modlhmp.maps import cliff, map_path, mean_shift, swgmm
+from modlhmp.maps import cliff, episodes, map_path, mean_shift, snippets, swgmm
 from modlhmp.maps.stef import build as build_stef
 from modlhmp.maps.stef import evaluate, middle_of_hour
 from modlhmp.scoring import score_recording
-from modlhmp.settings import load_dataset
+from modlhmp.settings import load_dataset, method_settings
 from modlhmp.storage import read_parquet, write_parquet
 from modlhmp.tracks import clock_hours
 
 ROOT = Path(__file__).parents[1]
-ROLLOUT = {"sampling_radius_m": 1.0, "beta": 1.0, "speed": "constant"}
+CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())
 
 
 def main():
@@ -114,25 +114,30 @@ def maps(train, dataset, folder):
     found["STeF-map [s]"] = time.perf_counter() - start
     for hour in range(*dataset["hours"]):
         write_parquet(evaluate(stef, middle_of_hour(hour)), map_path(folder, "stef") / f"{hour:02d}.parquet")
+    for kind, build in (("episodes", episodes.build), ("snippets", snippets.build)):
+        start = time.perf_counter()
+        write_parquet(build(train, dataset["time_step_s"]), map_path(folder, kind))
+        found[f"{kind} map [s]"] = time.perf_counter() - start
     size = np.mean([file.stat().st_size for file in map_path(folder, "tc_cliff").glob("*.parquet")])
     found["one hourly CLiFF-map on disk [kB]"] = size / 1000
     return {name: round(value, 2) for name, value in found.items()}
 
 
 def forecasts(test, dataset, folder):
-    """Roll-outs (k = 5, longest horizon, ranked) and their scoring, milliseconds a track."""
+    """Forecasts to the longest horizon with the configuration's options, and their scoring, milliseconds a track."""
     found = {}
-    for kind in ("tc_cliff", "cliff", "stef"):
-        forecaster = make_forecaster(kind, ROLLOUT, dataset, map_path(folder, kind))
+    for kind in ("tc_cliff", "cliff", "stef", "episodes", "snippets"):
+        options = method_settings(CONFIG, kind, dataset["tuned"])["options"]
+        forecaster = make_forecaster(kind, options, dataset, map_path(folder, kind))
 
-        def run(seeds, forecaster=forecaster, kind=kind):
-            return list(forecast_recording(test, forecaster, dataset, ("bench", kind, "test"), 5, seeds))
+        def run(seeds, forecaster=forecaster, kind=kind, k=options["k"]):
+            return list(forecast_recording(test, forecaster, dataset, ("bench", kind, "test"), k, seeds))
 
         run([0])
         start = time.perf_counter()
         made = run([1, 2, 3])
         tracks_made = sum(len(ids) for _, ids, _ in made)
-        found[f"roll-out {kind}, k = 5, {dataset['horizon_s']} s [ms a track]"] = (
+        found[f"forecast {kind}, k = {options['k']}, {dataset['horizon_s']} s [ms a track]"] = (
             1e3 * (time.perf_counter() - start) / tracks_made
         )
         start = time.perf_counter()
