@@ -121,13 +121,19 @@ def check_config(config, datasets_folder):
 
 def methods_run(config):
     """Names of all methods that a run needs: those compared, those of the ladder, and those that others average."""
-    ladder = config["ladder"]
-    names = [*config["compare"], *(method for method, _ in ladder["rows"])]
-    if ladder["rows"]:
+    ladder, rows = config["ladder"], ladder_rows(config)
+    names = [*config["compare"], *(method for method, _ in rows)]
+    if rows:
         names += [ladder["reference"], *(name for *pair, _ in ladder["beside"] for name in pair)]
     for name in names:  # grows while it is read
         names += [member for member in members(config, name) if member not in names]
     return list(dict.fromkeys(names))
+
+
+def ladder_rows(config):
+    """Rows of the ladder, none unless the last one's method is compared: whoever leaves that out wants no ladder."""
+    rows = config["ladder"]["rows"]
+    return rows if rows and rows[-1][0] in config["compare"] else []
 
 
 def members(config, name):

@@ -4,7 +4,7 @@
 # OUTPUTS  results/{run}/{dataset}/costs.json, ladder.parquet;
 #          paper_figures/{run}/ladder-{label}.{csv,tex,md,html}, ladder.{pdf,png,csv}
 # STEPS    measure_costs, climb_ladder, table_ladder, figure_ladder
-RUNGS = [method for method, _ in config["ladder"]["rows"]]
+RUNGS = [method for method, _ in ladder_rows(config)]
 LADDER_METHODS = list(
     dict.fromkeys(
         [

@@ -9,6 +9,7 @@ STUDY = config["studies"]
 STUDIED = [
     name for name in ("beta", "sampling_radius_m") if STUDY[name]
 ]  # an empty list: not studied
+THINNED = [name for name in STUDY["training"]["methods"] if name in TITLES]
 STUDY_METHOD = {
     "name": STUDY["method"],
     "kind": config["methods"][STUDY["method"]]["kind"],
@@ -100,8 +101,7 @@ rule study_training:
     params:
         shares=STUDY["training"]["shares"],
         methods=lambda wildcards: [
-            {"name": name, **method_of(wildcards.dataset, name)}
-            for name in STUDY["training"]["methods"]
+            {"name": name, **method_of(wildcards.dataset, name)} for name in THINNED
         ],
         max_tracks=STUDY["max_tracks"],
         maps=config["maps"],
@@ -137,7 +137,7 @@ rule figure_training:
         runtime=10,
     params:
         datasets=SETTINGS,
-        titles=titles_of(STUDY["training"]["methods"]),
+        titles=titles_of(THINNED),
         horizons=config["ladder"]["horizons_s"],
         code=code_of("figure_training"),
     message:
@@ -150,4 +150,4 @@ rule studies:
     """Every study of the run."""
     input:
         expand(rules.figure_parameters.output, label=LABELS if STUDIED else []),
-        rules.figure_training.output if STUDY["training"]["shares"] else [],
+        rules.figure_training.output if THINNED and STUDY["training"]["shares"] else [],
