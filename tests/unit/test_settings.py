@@ -331,8 +331,15 @@ def test_what_runs_is_the_closure_that_a_search_finds(seed):
 
 def test_rungs_and_what_they_are_compared_with_are_run_as_well():
     methods = {name: [] for name in ("a", "b", "reference", "one", "other", "unused")} | {"mean": ["a", "b"]}
-    config = minimal(methods, ["a"], ["a", "mean"], "reference", [["one", "other", "what differs"]])
-    assert methods_run(config) == ["a", "mean", "reference", "one", "other", "b"]
+    config = minimal(methods, ["mean"], ["a", "mean"], "reference", [["one", "other", "what differs"]])
+    assert methods_run(config) == ["mean", "a", "reference", "one", "other", "b"]
+
+
+def test_a_ladder_whose_goal_is_not_compared_is_left_out():
+    """So that a run without networks trains none."""
+    methods = {name: [] for name in ("a", "reference", "goal")}
+    assert methods_run(minimal(methods, ["a"], ["a", "goal"], "reference", [])) == ["a"]
+    assert methods_run(minimal(methods, ["goal"], ["a", "goal"], "reference", [])) == ["goal", "a", "reference"]
 
 
 def test_an_empty_ladder_needs_no_reference():
