@@ -105,8 +105,7 @@ def test_an_unknown_reader_is_refused(own):
 def test_an_average_on_the_ladder_is_timed_by_its_members(project):
     """Which may be no rungs themselves: their maps and weights are asked for all the same."""
     (project.folder / "short.yaml").write_text(
-        "compare: [cvm, all_three]\n"
-        "ladder: {reference: cvm, rows: [[cvm, a line], [all_three, a mean]], beside: []}\n"
+        "compare: [cvm, all_three]\nladder: {reference: cvm, rows: [[cvm, a line], [all_three, a mean]], beside: []}\n"
     )
     target = "results/demo/demo_hall/costs.json"
     output = project.snakemake("-n", "--quiet", "rules", "--configfile", "short.yaml", "--", target)
