@@ -121,10 +121,7 @@ def check_config(config, datasets_folder):
 
 def methods_run(config):
     """Names of all methods that a run needs: those compared, those of the ladder, and those that others average."""
-    ladder, rows = config["ladder"], ladder_rows(config)
-    names = [*config["compare"], *(method for method, _ in rows)]
-    if rows:
-        names += [ladder["reference"], *(name for *pair, _ in ladder["beside"] for name in pair)]
+    names = [*config["compare"], *ladder_methods(config)]
     for name in names:  # grows while it is read
         names += [member for member in members(config, name) if member not in names]
     return list(dict.fromkeys(names))
@@ -134,6 +131,13 @@ def ladder_rows(config):
     """Rows of the ladder, none unless the last one's method is compared: whoever leaves that out wants no ladder."""
     rows = config["ladder"]["rows"]
     return rows if rows and rows[-1][0] in config["compare"] else []
+
+
+def ladder_methods(config):
+    """Methods of the ladder: its rungs, what they are compared with, and the pairs beside them; none without rungs."""
+    ladder, rungs = config["ladder"], [method for method, _ in ladder_rows(config)]
+    beside = [name for *pair, _ in ladder["beside"] for name in pair]
+    return list(dict.fromkeys([*rungs, ladder["reference"], *beside])) if rungs else []
 
 
 def members(config, name):

@@ -176,6 +176,17 @@ def test_a_key_like_no_other_gets_the_list(config, schemas):
         ("learned", "budget", "economic"),
         ("learned", "device", "gpu"),
         ("learned", "threads", 0),
+        ("episodes", "pace", 2),
+        ("episodes", "reach_m", 0),
+        ("episodes", "k", 0),
+        ("snippets", "kernel_m", 0),
+        ("snippets", "length_s", 0),
+        ("snippets", "most", 0),
+        ("snippets", "exits", "no"),
+        ("snippets", "heading_m", -1),
+        ("rollout", "output", "median"),
+        ("rollout", "velocity", "speeds"),
+        ("rollout", "exits", 1),
     ],
 )
 def test_a_wrong_value_is_named_with_its_key(config, schemas, section, key, value):
@@ -423,28 +434,6 @@ def test_options_of_a_map_with_memory_are_its_sections_and_its_own(config, schem
     check(config, schemas["config"], "my.yaml")
     assert method_settings(config, kind) == {"kind": kind, "options": config[kind]}
     assert method_settings(config, "mine") == {"kind": kind, "options": {**config[kind], "k": 3, "pace": 0.5}}
-
-
-@pytest.mark.parametrize(
-    ("section", "key", "value"),
-    [
-        ("episodes", "pace", 2),
-        ("episodes", "reach_m", 0),
-        ("episodes", "k", 0),
-        ("snippets", "kernel_m", 0),
-        ("snippets", "length_s", 0),
-        ("snippets", "most", 0),
-        ("snippets", "exits", "no"),
-        ("snippets", "heading_m", -1),
-        ("rollout", "output", "median"),
-        ("rollout", "velocity", "speeds"),
-        ("rollout", "exits", 1),
-    ],
-)
-def test_a_wrong_option_of_the_new_methods_is_named(config, schemas, section, key, value):
-    config[section][key] = value
-    with pytest.raises(DataError, match=f"my.yaml:\n.*{section}.{key}: .*{value}"):
-        check(config, schemas["config"], "my.yaml")
 
 
 @pytest.mark.parametrize(("kind", "wrong"), [("episodes", "kernel_m"), ("snippets", "reach_m"), ("cvm", "k")])

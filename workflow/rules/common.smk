@@ -17,6 +17,7 @@ from modlhmp.settings import (
     check_config,
     check_datasets,
     check_tuned,
+    ladder_methods,
     ladder_rows,
     load_dataset,
     members,

@@ -1,19 +1,11 @@
 # The ladder from the paper's configuration to the best one, a change a row (not in the paper).
 #
 # INPUTS   errors of its methods; for costs their maps and weights
-# OUTPUTS  results/{run}/{dataset}/costs.json, ladder.parquet;
+# OUTPUTS  results/{run}/{dataset}/costs.json, ladder/{scores,differences}.parquet;
 #          paper_figures/{run}/ladder-{label}.{csv,tex,md,html}, ladder.{pdf,png,csv}
 # STEPS    measure_costs, climb_ladder, table_ladder, figure_ladder
 RUNGS = [method for method, _ in ladder_rows(config)]
-LADDER_METHODS = list(
-    dict.fromkeys(
-        [
-            *RUNGS,
-            *([config["ladder"]["reference"]] if RUNGS else []),
-            *(name for *pair, _ in config["ladder"]["beside"] for name in pair),
-        ]
-    )
-)
+LADDER_METHODS = ladder_methods(config)
 COSTED = list(
     dict.fromkeys(part for name in RUNGS for part in averaged_parts(config, name))
 )

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from modlhmp.forecasting import UNSEEDED, forecast_recording, make_forecaster, write_forecasts
+from modlhmp.forecasting import forecast_recording, make_forecaster, seeds_of, write_forecasts
 from modlhmp.logs import job_log
 from modlhmp.storage import provenance
 from modlhmp.tracks import read_tracks
@@ -11,7 +11,7 @@ with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     kind, options = params.method["kind"], params.method["options"]
     forecaster = make_forecaster(kind, options, params.dataset, files.get("map"), files.get("exits"))
-    seeds = params.seeds[:1] if kind in UNSEEDED else params.seeds
+    seeds = seeds_of(kind, params.seeds)
     made_of = [file for file in (files.get("map"), files.get("exits")) if file]
     for recording, file in zip(params.recordings, files.tracks, strict=True):
         key = (names.dataset, names.method, recording)

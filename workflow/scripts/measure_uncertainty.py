@@ -3,7 +3,7 @@
 import pyarrow as pa
 from tqdm import tqdm
 
-from modlhmp.forecasting import UNSEEDED, make_forecaster
+from modlhmp.forecasting import make_forecaster, seeds_of
 from modlhmp.logs import job_log
 from modlhmp.scoring.summary import scored_horizons
 from modlhmp.scoring.uncertainty import measure
@@ -16,7 +16,7 @@ with job_log(snakemake.log[0]) as log:
     forecaster = make_forecaster(
         method["kind"], method["options"], dataset, snakemake.input.get("map"), snakemake.input.get("exits")
     )
-    seeds = params.seeds[:1] if method["kind"] in UNSEEDED else params.seeds
+    seeds = seeds_of(method["kind"], params.seeds)
     horizons = scored_horizons(params.horizons, dataset) or [dataset["horizon_s"]]
     tables = []
     for name, file in zip(params.recordings, tqdm(snakemake.input.tracks, mininterval=2.0), strict=True):

@@ -11,10 +11,10 @@ import numpy as np
 
 from modlhmp.forecasting.base import stream_keys
 from modlhmp.forecasting.neighbours import find_neighbours
-from modlhmp.forecasting.observe import observe, usable_tracks
+from modlhmp.forecasting.observe import observe
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, clock_offsets, positions_at, runs, together
+from modlhmp.tracks import Tracks, clock_offsets, positions_at, runs, together, usable_tracks
 
 HELD_OUT_DAYS, HELD_OUT_BLOCKS = 0.2, 0.15  # shares, of `validation: blocks`
 BLOCK_S, LEAST_BLOCKS = 1800.0, 20  # blocks are shorter where there would be too few

@@ -24,6 +24,11 @@ STORED = 20  # of the samples behind a median; all of them would be gigabytes
 UNSEEDED = ("cvm", "episodes")  # kinds that draw no random numbers
 
 
+def seeds_of(kind, seeds):
+    """Those of the seeds with which a kind of method is run: one without randomness needs the first only."""
+    return seeds[:1] if kind in UNSEEDED else seeds
+
+
 def make_forecaster(kind, options, dataset, map_path=None, exits_path=None):
     """The forecaster of a method: a function (observed, steps, keys) -> Forecast (contract: `forecasting.base`)."""
     if kind == "cvm":

@@ -72,8 +72,7 @@ def current_velocity(observed, source):
 
 def observed_steps(observed):
     """Velocities [n, rows - 1, 2] in m/s between the observed positions, newest first."""
-    backward = (np.diff(column, axis=1)[:, ::-1] for column in (observed.x, observed.y, observed.t))
-    dx, dy, dt = backward
+    dx, dy, dt = (np.diff(column, axis=1)[:, ::-1] for column in (observed.x, observed.y, observed.t))
     return np.stack([dx / dt, dy / dt], axis=-1)
 
 

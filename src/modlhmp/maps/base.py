@@ -58,6 +58,16 @@ def lattice_index(i, j, origin, shape):
     return index
 
 
+def lattice_box(cells):
+    """First cell [2] and size [2] of the box that holds `cells` [n, 2]; of one cell where there are none."""
+    if not len(cells):
+        return np.zeros(2, np.int64), np.ones(2, np.int64)
+    origin = cells.min(axis=0)
+    size = cells.max(axis=0) - origin + 1
+    check_lattice(len(cells), size)
+    return origin, size
+
+
 def check_lattice(number, shape):
     """Raise `DataError` if `number` locations spread over a box of so many nodes that some must be far away."""
     if np.prod(np.asarray(shape, float)) > MAX_LATTICE:

@@ -7,8 +7,8 @@ through a door that the map knows nothing about. Not in the paper.
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.maps.base import check_lattice, read_map
-from modlhmp.maps.pieces import differences, heading_bin, resample
+from modlhmp.maps.base import lattice_box, read_map
+from modlhmp.maps.pieces import cell_and_bin, heading_bin, resample
 
 PRIOR_ROWS = 10.0  # a bin with fewer rows leans on the rate of the whole map
 COLUMNS = ("i", "j", "bin", "left", "rows")
@@ -18,10 +18,7 @@ def build(tracks, step_s=1.0, cell_m=1.0):
     """Count rows and last rows of tracks by cell and heading bin (`pieces.heading_bin`); returns a `pyarrow.Table`."""
     pieces = resample(tracks, step_s)
     row = np.flatnonzero(pieces.age >= 1)
-    where = np.column_stack(
-        [np.floor(pieces.xy[row] / cell_m).astype(np.int64), heading_bin(differences(pieces.xy, 1, step_s)[row, 0])]
-    )
-    bins, which = np.unique(where, axis=0, return_inverse=True)
+    bins, which = np.unique(cell_and_bin(pieces, row, cell_m, step_s), axis=0, return_inverse=True)
     ends = (row == pieces.last[row]).astype(float)
     counts = {
         "left": np.bincount(which.ravel(), ends, len(bins)).astype(np.int32),
@@ -40,9 +37,7 @@ class WithExits:
         cells, bins = np.column_stack([table["i"].to_numpy(), table["j"].to_numpy()]), table["bin"].to_numpy()
         left, rows = (table[name].to_numpy().astype(float) for name in ("left", "rows"))
         rate = left.sum() / max(rows.sum(), 1.0)
-        self.origin = cells.min(axis=0) if len(cells) else np.zeros(2, np.int64)
-        size = cells.max(axis=0) - self.origin + 1 if len(cells) else np.ones(2, np.int64)
-        check_lattice(len(cells), size)
+        self.origin, size = lattice_box(cells)
         self.probability = np.full((*size, int(bins.max(initial=0)) + 1), rate)
         self.probability[(*(cells - self.origin).T, bins)] = (left + PRIOR_ROWS * rate) / (rows + PRIOR_ROWS)
         self.elsewhere = rate

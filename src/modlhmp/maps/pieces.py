@@ -75,6 +75,12 @@ def features(xy, steps, weights, metric, hour):
     return np.column_stack([xy, *scaled, metric.hour_m * hour]), speed
 
 
+def cell_and_bin(pieces, row, cell_m, step_s):
+    """Cell (i, j) and heading bin [n, 3] of some rows of `Pieces`, each with a row of its person before it."""
+    cell = np.floor(pieces.xy[row] / cell_m).astype(np.int64)
+    return np.column_stack([cell, heading_bin(differences(pieces.xy, 1, step_s)[row, 0])])
+
+
 def heading_bin(velocity):
     """Bin of velocities [n, 2]: 0 around east, then on to the left, or `HEADINGS` for whoever hardly moves."""
     angle = np.arctan2(velocity[:, 1], velocity[:, 0]) * HEADINGS / (2 * np.pi)

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.maps.base import check_lattice, read_map
-from modlhmp.maps.pieces import HEADINGS, differences, features, heading_bin, resample
+from modlhmp.maps.base import lattice_box, read_map
+from modlhmp.maps.pieces import HEADINGS, cell_and_bin, features, resample
 from modlhmp.tracks import clock_time
 
 COLUMNS = ("i", "j", "bin", "x", "y", "minute", "stands_for", "steps", "path")
@@ -26,8 +26,7 @@ def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0
     """
     pieces, length = resample(tracks, step_s), max(round(length_s / step_s), 1)
     row = np.flatnonzero((pieces.age >= past) & (pieces.last > np.arange(len(pieces.person))))
-    velocity = differences(pieces.xy, 1, step_s)[row, 0]
-    where = np.column_stack([np.floor(pieces.xy[row] / cell_m).astype(np.int64), heading_bin(velocity)])
+    where = cell_and_bin(pieces, row, cell_m, step_s)
     order = np.lexsort((np.random.default_rng(seed).random(len(row)), *where.T[::-1]))
     row, where = row[order], where[order]
     new = np.ones(len(row), bool)
@@ -102,9 +101,7 @@ class SnippetMap:
         minute, xy = minute.astype(np.int64), np.column_stack([x, y]).astype(float)
         points, speed = features(xy, before, weights, metric, clock_time(60.0 * minute, timezone))
         cells = where[first]
-        origin = cells[:, :2].min(axis=0) if len(first) else np.zeros(2, np.int64)
-        size = cells[:, :2].max(axis=0) - origin + 1 if len(first) else np.ones(2, np.int64)
-        check_lattice(len(first), size)
+        origin, size = lattice_box(cells[:, :2])
         index = np.full((*size, HEADINGS + 1), -1, np.int64)
         index[(*(cells[:, :2] - origin).T, cells[:, 2])] = np.arange(len(first))
         used = np.zeros(past)

@@ -11,13 +11,13 @@ import pandas as pd
 from scipy import stats
 
 from modlhmp.baselines import PUBLISHED
-from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.paper.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
 from modlhmp.paper.table_forms import write_table
 from modlhmp.scoring.errors import is_idle
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.summary import main_output, nan_mean, scored_horizons
 from modlhmp.scoring.ttests import holm, paired_test
+from modlhmp.tracks import usable_tracks
 
 IDLE = (5, 1.0)  # two rows so many apart are less than so many metres apart: the paper protocol's filter on ATC
 NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"

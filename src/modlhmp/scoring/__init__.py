@@ -4,10 +4,9 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.floor_plan import occupied_depth
-from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.scoring.errors import enters_occupied, ground_truth, is_idle
 from modlhmp.scoring.protocols import score
-from modlhmp.tracks import clock_hours
+from modlhmp.tracks import clock_hours, usable_tracks
 
 
 def score_recording(tracks, forecasts, recording, dataset, floor_plan=None):

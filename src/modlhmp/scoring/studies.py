@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.forecasting import UNSEEDED, forecast_recording, make_forecaster
+from modlhmp.forecasting import forecast_recording, make_forecaster, seeds_of
 from modlhmp.forecasting.base import stream_keys
 from modlhmp.maps import cliff, episodes, exits, snippets
 from modlhmp.scoring import score_recording
@@ -79,7 +79,7 @@ def _errors(method, forecaster, recordings, dataset, seeds):
     tables, k = [], method["options"].get("k", 1)
     for name, tracks in recordings.items():
         names = (dataset["name"], method["name"], name)
-        drawn = seeds[:1] if method["kind"] in UNSEEDED else seeds
+        drawn = seeds_of(method["kind"], seeds)
         tables.append(
             score_recording(tracks, forecast_recording(tracks, forecaster, dataset, names, k, drawn), name, dataset)
         )

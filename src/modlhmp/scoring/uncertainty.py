@@ -9,12 +9,11 @@ import pyarrow as pa
 from numba import njit
 
 from modlhmp.forecasting import forecast_recording
-from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.forecasting.ranking import most_likely
 from modlhmp.scoring.errors import displacement_errors, ground_truth
 from modlhmp.scoring.protocols import longest_lived
 from modlhmp.scoring.summary import nan_mean
-from modlhmp.tracks import runs
+from modlhmp.tracks import runs, usable_tracks
 
 SAMPLES = 40  # of a distribution, so that every method is judged by as many
 BEST_OF = 5
