@@ -14,7 +14,6 @@ from modlhmp.maps import swgmm
 from modlhmp.maps.base import lattice_index
 from modlhmp.maps.mean_shift import BANDWIDTHS, mean_shift
 from modlhmp.storage import DataError, read_parquet
-from modlhmp.tracks import circular_difference
 
 MIN_CLUSTER = 5  # smaller clusters are merged into the nearest; their data stay
 COLUMNS = (
@@ -69,29 +68,38 @@ def neighbourhoods(x, y, resolution, radius, min_observations):
 def fit_location(heading, speed, bandwidth="isotropic"):
     """Mixture [J, 6] of one location: mean shift finds the clusters, EM fits them; heaviest component first."""
     labels, _ = mean_shift(heading, speed, BANDWIDTHS[bandwidth](heading, speed))
-    labels = _merge_small(heading, speed, labels)
-    start = []
-    for label in np.unique(labels):
-        mine = labels == label
-        start.append([mine.mean(), *swgmm.moments(heading[mine], speed[mine])])
-    components, _ = swgmm.fit(heading, speed, start)
+    components, _ = swgmm.fit(heading, speed, _components_of(heading, speed, _merge_small(heading, speed, labels)))
     return components[np.argsort(-components[:, 0], kind="stable")]
 
 
+@njit(cache=True)
 def _merge_small(heading, speed, labels):
     """Give the members of clusters under `MIN_CLUSTER` to the nearest large one (the largest, if none is)."""
     counts = np.bincount(labels)
     large = np.flatnonzero(counts >= MIN_CLUSTER)
     if not len(large):
         return np.zeros_like(labels)
-    if len(large) == len(counts):
-        return labels
-    centres = np.array([swgmm.moments(heading[labels == c], speed[labels == c])[:2] for c in large])
-    small = np.flatnonzero(counts[labels] < MIN_CLUSTER)
-    distance = np.hypot(circular_difference(heading[small, None], centres[:, 0]), speed[small, None] - centres[:, 1])
-    labels = labels.copy()
-    labels[small] = large[np.argmin(distance, axis=1)]
-    return labels
+    centres = np.empty((len(large), 2))
+    for row, label in enumerate(large):
+        mine = labels == label
+        centres[row] = swgmm.moments(heading[mine], speed[mine])[:2]
+    merged = labels.copy()
+    for i in np.flatnonzero(counts[labels] < MIN_CLUSTER):
+        turn = swgmm.unwrapped(heading[i] - centres[:, 0], 0)
+        merged[i] = large[np.argmin(turn**2 + (speed[i] - centres[:, 1]) ** 2)]
+    return merged
+
+
+@njit(cache=True)
+def _components_of(heading, speed, labels):
+    """Weight and moments [J, 6] of each cluster, by rising label."""
+    used = np.unique(labels)
+    components = np.empty((len(used), 6))
+    for j in range(len(used)):
+        mine = labels == used[j]
+        components[j, 0] = mine.mean()
+        components[j, 1:] = swgmm.moments(heading[mine], speed[mine])
+    return components
 
 
 class CliffMap:

@@ -2,13 +2,14 @@
 
 Every observation climbs the kernel density estimate of all of them (D. Comaniciu, P. Meer, PAMI 2002). The data are
 first spread over a fine grid; there the shift vector of every node is a ratio of two convolutions, so the climb
-of each occupied node costs one interpolation a step, whatever the number of observations.
+of each occupied node costs one interpolation a step, whatever the number of observations. Nodes climb heaviest first,
+and only until they come near a mode that an earlier one has reached.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-
-from modlhmp.tracks import wrap_angle
 
 NODES_PER_BANDWIDTH = 4.0
 MAX_NODES = (256, 128)
@@ -16,29 +17,45 @@ MIN_NODES = (32, 8)
 MAX_ITERATIONS = 200
 STOP = 1e-3  # a climb ends when it moves less than this part of the bandwidth
 MERGE = 0.5  # modes closer than this part of the bandwidth are one
+CAPTURE = 0.1  # a climb so near to a mode that is known already ends there
 TWO_PI = 2.0 * np.pi
 
 
+class Grid(NamedTuple):
+    """Nodes over the circle of headings, a step [rad] apart, and over the speeds from `low` on, a step [m/s] apart."""
+
+    turn: int
+    turn_step: float
+    speeds: int
+    speed_step: float
+    low: float
+
+
+@njit(cache=True)
 def mean_shift(heading, speed, bandwidth):
     """Cluster velocities by the mode that each climbs to.
 
     `heading` [rad] and `speed` [m/s] are [n]; `bandwidth` is the pair of the Gaussian kernel's standard deviations
     (rad, m/s). Returns (labels [n], modes [m, 2]), modes ordered by falling number of members.
     """
-    if min(np.ptp(speed), len(speed) - 1) <= 0 and np.ptp(heading) == 0:
+    if np.ptp(heading) == 0.0 and np.ptp(speed) == 0.0:
         return np.zeros(len(heading), np.int64), np.array([[heading[0], speed[0]]])
     grid = _grid(speed, bandwidth)
-    bandwidth = np.maximum(bandwidth, [grid[1], grid[3]])  # nothing finer than the grid can be told apart
-    weights, corner = _spread(heading, speed, *grid)
-    shift = _shift_field(weights, bandwidth, *grid)
-    start = np.argwhere(weights > 0)
-    ends = _climb(start, shift, np.array([grid[1], grid[3]]), STOP * bandwidth)
-    labels = _merge(ends, weights[tuple(start.T)], bandwidth, grid)
-    node_label = np.full(weights.shape, -1)
-    node_label[tuple(start.T)] = labels
-    return _order(node_label[tuple(corner.T)], ends, labels, weights[tuple(start.T)], grid)
+    # Nothing finer than the grid can be told apart.
+    width = max(bandwidth[0], grid.turn_step), max(bandwidth[1], grid.speed_step)
+    weights, nearest = _spread(heading, speed, grid)
+    shift = _shift_field(weights, width, grid)
+    occupied = np.argwhere(weights > 0.0)
+    weight = np.array([weights[i, j] for i, j in occupied])
+    labels, ends = _climb(occupied, weight, shift, width, grid)
+    of_node = np.full(weights.shape, -1)
+    for row in range(len(occupied)):
+        of_node[occupied[row, 0], occupied[row, 1]] = labels[row]
+    of_point = np.array([of_node[i, j] for i, j in nearest])
+    return _order(of_point, labels, ends, weight, grid)
 
 
+@njit(cache=True)
 def bandwidth_kucner(heading, speed):
     """The reference CLiFF-map builder's rule: h = (4 s^5 / 3n)^(1/5) for s = -2 ln R and s = var(speed).
 
@@ -46,10 +63,11 @@ def bandwidth_kucner(heading, speed):
     """
     n = len(heading)
     length = min(np.hypot(np.cos(heading).mean(), np.sin(heading).mean()), 1.0)
-    spreads = np.array([-2.0 * np.log(max(length, 1e-12)), np.var(speed, ddof=1) if n > 1 else 0.0])
+    spreads = np.array([-2.0 * np.log(max(length, 1e-12)), sample_variance(speed)])
     return np.sqrt(np.maximum((4.0 / (3.0 * n)) ** 0.2 * spreads, 1e-10))
 
 
+@njit(cache=True)
 def bandwidth_isotropic(heading, speed):
     """The online CLiFF-map builder's rule: one h = (4 s^5 / 3n)^(1/5), the same number for radians and for m/s.
 
@@ -57,102 +75,164 @@ def bandwidth_isotropic(heading, speed):
     from heading 0, so that its maps change when the frame is rotated; ours do not.
     """
     n = len(heading)
-    turned = wrap_angle(heading - np.arctan2(np.sin(heading).mean(), np.cos(heading).mean()))
-    s = np.std(np.hypot(turned, speed), ddof=1) if n > 1 else 1.0
+    turned = heading - np.arctan2(np.sin(heading).mean(), np.cos(heading).mean())
+    turned -= TWO_PI * np.rint(turned / TWO_PI)
+    s = np.sqrt(sample_variance(np.hypot(turned, speed))) if n > 1 else 1.0
     h = max((4.0 / (3.0 * n)) ** 0.2 * s, 1e-5)
     return np.array([h, h])
+
+
+@njit(cache=True)
+def sample_variance(values):
+    """Variance with n - 1; 0 of one value."""
+    return np.sum((values - values.mean()) ** 2) / max(len(values) - 1, 1)
 
 
 BANDWIDTHS = {"kucner": bandwidth_kucner, "isotropic": bandwidth_isotropic}
 
 
+@njit(cache=True)
 def _grid(speed, bandwidth):
-    """(nodes, step [rad], nodes, step [m/s], first speed): fine enough for the bandwidth, within limits."""
-    turn = int(np.clip(np.ceil(NODES_PER_BANDWIDTH * TWO_PI / bandwidth[0]), MIN_NODES[0], MAX_NODES[0]))
+    """A `Grid` fine enough for the bandwidth, within limits."""
+    turn = np.ceil(NODES_PER_BANDWIDTH * TWO_PI / bandwidth[0])
+    turn = int(min(max(turn, MIN_NODES[0]), MAX_NODES[0]))
     low, high = speed.min(), speed.max()
-    wanted = np.ceil(NODES_PER_BANDWIDTH * (high - low) / bandwidth[1]) + 1
-    speeds = int(np.clip(wanted, MIN_NODES[1], MAX_NODES[1]))
-    return turn, TWO_PI / turn, speeds, max(high - low, 1e-9) / (speeds - 1), low
-
-
-def _spread(heading, speed, turn, turn_step, speeds, speed_step, low):
-    """Linear binning: each observation shared among its four nodes; also the nearest node [n, 2] of each."""
-    u, v = np.mod(heading, TWO_PI) / turn_step, (speed - low) / speed_step
-    i, j = np.floor(u).astype(np.int64), np.minimum(np.floor(v).astype(np.int64), speeds - 2)
-    a, b = u - i, v - j
-    weights = np.zeros((turn, speeds))
-    for di, dj, share in ((0, 0, (1 - a) * (1 - b)), (1, 0, a * (1 - b)), (0, 1, (1 - a) * b), (1, 1, a * b)):
-        np.add.at(weights, ((i + di) % turn, j + dj), share)
-    return weights, np.column_stack([(i + (a >= 0.5)) % turn, j + (b >= 0.5)])
-
-
-def _shift_field(weights, bandwidth, turn, turn_step, speeds, speed_step, low):
-    """Mean-shift vector in nodes at every node, [turn, speeds, 2]."""
-    # Both kernels depend on offsets between nodes only, so each is evaluated once an offset.
-    node, between = np.arange(turn), np.arange(1 - speeds, speeds) * speed_step
-    d_turn = wrap_angle(node * turn_step)[:, None] + TWO_PI * np.array([-1, 0, 1])  # three windings
-    kernel = np.exp(-0.5 * (d_turn / bandwidth[0]) ** 2)
-    offset = (node[None] - node[:, None]) % turn
-    k_turn, m_turn = kernel.sum(-1)[offset], (kernel * d_turn).sum(-1)[offset]
-    kernel = np.exp(-0.5 * (between / bandwidth[1]) ** 2)
-    offset = np.arange(speeds)[:, None] - np.arange(speeds)[None] + speeds - 1
-    k_speed, m_speed = kernel[offset], (kernel * between)[offset]
-    smooth = weights @ k_speed
-    mass = np.maximum(k_turn @ smooth, 1e-300)
-    return np.stack([m_turn @ smooth / (mass * turn_step), k_turn @ weights @ m_speed / (mass * speed_step)], -1)
+    speeds = np.ceil(NODES_PER_BANDWIDTH * (high - low) / bandwidth[1]) + 1
+    speeds = int(min(max(speeds, MIN_NODES[1]), MAX_NODES[1]))
+    return Grid(turn, TWO_PI / turn, speeds, max(high - low, 1e-9) / (speeds - 1), low)
 
 
 @njit(cache=True)
-def _climb(start, shift, steps, stop):
-    """Follow the shift field, bilinearly interpolated, from every start node until it is still; in nodes."""
-    turn, speeds, _ = shift.shape
-    ends = np.empty((len(start), 2))
-    for n in range(len(start)):
-        u, v = float(start[n, 0]), float(start[n, 1])
+def _spread(heading, speed, grid):
+    """Linear binning: each observation shared among its four nodes; also the nearest node [n, 2] of each."""
+    weights, nearest = np.zeros((grid.turn, grid.speeds)), np.empty((len(heading), 2), np.int64)
+    for n in range(len(heading)):
+        u, v = (heading[n] % TWO_PI) / grid.turn_step, (speed[n] - grid.low) / grid.speed_step
+        i, j = int(u), min(int(v), grid.speeds - 2)
+        a, b = u - i, v - j
+        i, after = i % grid.turn, (i + 1) % grid.turn
+        weights[i, j] += (1.0 - a) * (1.0 - b)
+        weights[after, j] += a * (1.0 - b)
+        weights[i, j + 1] += (1.0 - a) * b
+        weights[after, j + 1] += a * b
+        nearest[n, 0], nearest[n, 1] = after if a >= 0.5 else i, j + (b >= 0.5)
+    return weights, nearest
+
+
+@njit(cache=True)
+def _shift_field(weights, bandwidth, grid):
+    """Mean-shift vector in nodes at every node, [turn, speeds, 2]."""
+    turn, speeds = weights.shape
+    # Both kernels depend on offsets between nodes only. Sums go by rows of the grid, which lie in a piece.
+    k_speed, m_speed = np.empty(2 * speeds - 1), np.empty(2 * speeds - 1)
+    for offset in range(1 - speeds, speeds):
+        away = offset * grid.speed_step
+        k_speed[offset + speeds - 1] = np.exp(-0.5 * (away / bandwidth[1]) ** 2)
+        m_speed[offset + speeds - 1] = k_speed[offset + speeds - 1] * away
+    smooth, pull = np.zeros((turn, speeds)), np.zeros((turn, speeds))
+    for i in range(turn):
+        for j in range(speeds):
+            if weights[i, j] > 0.0:
+                first = speeds - 1 - j
+                for at in range(speeds):
+                    smooth[i, at] += weights[i, j] * k_speed[first + at]
+                    pull[i, at] -= weights[i, j] * m_speed[first + at]
+    mass, turned, sped = np.zeros((3, turn, speeds))
+    for offset in range(turn):
+        k_turn = m_turn = 0.0
+        for winding in (-1, 0, 1):
+            away = offset * grid.turn_step + TWO_PI * winding
+            k = np.exp(-0.5 * (away / bandwidth[0]) ** 2)
+            k_turn += k
+            m_turn += k * away
+        if k_turn < 1e-20:
+            continue
+        for i in range(turn):
+            source = (i + offset) % turn
+            for at in range(speeds):
+                mass[i, at] += k_turn * smooth[source, at]
+                turned[i, at] += m_turn * smooth[source, at]
+                sped[i, at] += k_turn * pull[source, at]
+    shift = np.empty((turn, speeds, 2))
+    for i in range(turn):
+        for at in range(speeds):
+            total = max(mass[i, at], 1e-300)
+            shift[i, at, 0] = turned[i, at] / (total * grid.turn_step)
+            shift[i, at, 1] = sped[i, at] / (total * grid.speed_step)
+    return shift
+
+
+@njit(cache=True)
+def _climb(occupied, weight, shift, bandwidth, grid):
+    """Follow the shift field from every occupied node [m, 2], the heaviest first, to a mode: labels [m], ends [m, 2].
+
+    Modes are where a climb stands still; one that ends within `MERGE` bandwidths of an earlier mode belongs to it.
+    Ends are in nodes.
+    """
+    labels, ends = np.full(len(occupied), -1), np.empty((len(occupied), 2))
+    # What a node counts in bandwidths.
+    scale = grid.turn_step / bandwidth[0], grid.speed_step / bandwidth[1]
+    modes, number = np.empty((len(occupied), 2)), 0
+    for n in np.argsort(-weight, kind="mergesort"):
+        u, v = float(occupied[n, 0]), float(occupied[n, 1])
         for _ in range(MAX_ITERATIONS):
-            i, j = int(np.floor(u)), min(int(np.floor(v)), speeds - 2)
-            a, b = u - i, v - j
-            du = dv = 0.0
-            for p in range(2):
-                for q in range(2):
-                    w = (a if p else 1.0 - a) * (b if q else 1.0 - b)
-                    du += w * shift[(i + p) % turn, j + q, 0]
-                    dv += w * shift[(i + p) % turn, j + q, 1]
-            u = np.mod(u + du, turn)
-            v = min(max(v + dv, 0.0), speeds - 1.0)
-            if abs(du) * steps[0] < stop[0] and abs(dv) * steps[1] < stop[1]:
+            du, dv = _interpolated(shift, u, v)
+            u = (u + du) % grid.turn
+            v = min(max(v + dv, 0.0), grid.speeds - 1.0)
+            if abs(du) * scale[0] < STOP and abs(dv) * scale[1] < STOP:
                 break
+            if _nearest_mode(u, v, modes[:number], scale, grid.turn, CAPTURE) >= 0:
+                break
+        mode = _nearest_mode(u, v, modes[:number], scale, grid.turn, MERGE)
+        if mode < 0:
+            mode, number = number, number + 1
+            modes[mode, 0], modes[mode, 1] = u, v
+        labels[n] = mode
         ends[n, 0], ends[n, 1] = u, v
-    return ends
+    return labels, ends
 
 
-def _merge(ends, weights, bandwidth, grid):
-    """Label climbs by the mode they reach: the heaviest first, each within `MERGE` bandwidths of a mode joins it."""
-    turn, turn_step, _, speed_step, _ = grid
-    labels, modes = np.full(len(ends), -1), []
-    for n in np.argsort(-weights, kind="stable"):
-        if labels[n] < 0:
-            du = np.abs(ends[:, 0] - ends[n, 0])
-            du = np.minimum(du, turn - du) * turn_step / bandwidth[0]
-            dv = (ends[:, 1] - ends[n, 1]) * speed_step / bandwidth[1]
-            labels[(labels < 0) & (np.hypot(du, dv) < MERGE)] = len(modes)
-            modes.append(n)
-    return labels
+@njit(cache=True)
+def _interpolated(shift, u, v):
+    """The shift field between four nodes."""
+    turn, speeds, _ = shift.shape
+    i, j = int(u), min(int(v), speeds - 2)
+    a, b = u - i, v - j
+    i, after = i % turn, (i + 1) % turn
+    near, far = (1.0 - a) * (1.0 - b), (1.0 - a) * b
+    near_after, far_after = a * (1.0 - b), a * b
+    du = near * shift[i, j, 0] + far * shift[i, j + 1, 0] + near_after * shift[after, j, 0]
+    dv = near * shift[i, j, 1] + far * shift[i, j + 1, 1] + near_after * shift[after, j, 1]
+    return du + far_after * shift[after, j + 1, 0], dv + far_after * shift[after, j + 1, 1]
 
 
-def _order(point_labels, ends, labels, weights, grid):
-    """Modes by falling membership, empty ones dropped; a mode is the weighted end of its climbs."""
-    _, turn_step, _, speed_step, low = grid
-    members = np.bincount(point_labels, minlength=labels.max() + 1)
-    order = [m for m in np.argsort(-members, kind="stable") if members[m]]
-    modes = np.empty((len(order), 2))
-    for rank, m in enumerate(order):
-        rows = labels == m
-        angle, w = ends[rows, 0] * turn_step, weights[rows]
-        modes[rank] = (
-            np.arctan2(w @ np.sin(angle), w @ np.cos(angle)),
-            low + speed_step * (w @ ends[rows, 1]) / w.sum(),
-        )
-    rank_of = np.empty(len(members), np.int64)
-    rank_of[order] = np.arange(len(order))
-    return rank_of[point_labels], modes
+@njit(cache=True)
+def _nearest_mode(u, v, modes, scale, turn, within):
+    """The first mode closer than `within` bandwidths, -1 if there is none."""
+    for m in range(len(modes)):
+        du = abs(u - modes[m, 0])
+        du = min(du, turn - du) * scale[0]
+        dv = (v - modes[m, 1]) * scale[1]
+        if du * du + dv * dv < within * within:
+            return m
+    return -1
+
+
+@njit(cache=True)
+def _order(of_point, labels, ends, weight, grid):
+    """Labels of the points and modes by falling membership, empty ones dropped; a mode is the mean of its climbs."""
+    sums = np.zeros((labels.max() + 1, 4))
+    for n in range(len(labels)):
+        angle = ends[n, 0] * grid.turn_step
+        sums[labels[n], 0] += weight[n] * np.cos(angle)
+        sums[labels[n], 1] += weight[n] * np.sin(angle)
+        sums[labels[n], 2] += weight[n] * ends[n, 1]
+        sums[labels[n], 3] += weight[n]
+    members = np.bincount(of_point, minlength=len(sums))
+    order = np.argsort(-members, kind="mergesort")[: np.sum(members > 0)]
+    rank, modes = np.empty(len(members), np.int64), np.empty((len(order), 2))
+    for place, m in enumerate(order):
+        rank[m] = place
+        modes[place, 0] = np.arctan2(sums[m, 1], sums[m, 0])
+        modes[place, 1] = grid.low + grid.speed_step * sums[m, 2] / sums[m, 3]
+    return rank[of_point], modes

@@ -12,6 +12,8 @@ WINDINGS = 1  # k = -1, 0, 1
 MIN_EIGENVALUE = 1e-4  # floor of a covariance's eigenvalues
 TOLERANCE = 1e-5  # gain of log-likelihood an observation below which EM has converged
 MAX_ITERATIONS = 100
+NARROW = 0.2  # below this var(heading) a component's other windings are e^-24 of its peak: EM takes the nearest only
+BLOCK = 256  # observations that EM takes at a time
 TWO_PI = 2.0 * np.pi
 
 
@@ -40,17 +42,6 @@ def fit(heading, speed, components):
         components[:, 0] /= components[:, 0].sum()
 
 
-def moments(heading, speed):
-    """Circular-linear mean and covariance of observations: [mean heading, mean speed, vtt, vtr, vrr]."""
-    mean_heading = np.arctan2(np.sin(heading).mean(), np.cos(heading).mean())
-    d_heading = np.pi - np.mod(np.pi - (heading - mean_heading), TWO_PI)
-    mean_heading += d_heading.mean()
-    d_heading -= d_heading.mean()
-    d_speed = speed - speed.mean()
-    covariance = np.array([(d_heading**2).mean(), (d_heading * d_speed).mean(), (d_speed**2).mean()])
-    return np.array([mean_heading, speed.mean(), *floor_covariance(*covariance)])
-
-
 @njit(cache=True)
 def floor_covariance(vtt, vtr, vrr):
     """Raise the eigenvalues of [[vtt, vtr], [vtr, vrr]] to at least `MIN_EIGENVALUE`."""
@@ -66,6 +57,18 @@ def floor_covariance(vtt, vtr, vrr):
     scale = (new_high - new_low) / (2.0 * root)
     centre = 0.5 * (new_low + new_high)
     return centre + scale * d, scale * vtr, centre - scale * d
+
+
+@njit(cache=True)
+def moments(heading, speed):
+    """Circular-linear mean and covariance of observations: [mean heading, mean speed, vtt, vtr, vrr]."""
+    mean_heading = np.arctan2(np.sin(heading).mean(), np.cos(heading).mean())
+    d_heading = np.pi - np.mod(np.pi - (heading - mean_heading), TWO_PI)
+    mean_heading += d_heading.mean()
+    d_heading -= d_heading.mean()
+    d_speed = speed - speed.mean()
+    vtt, vtr, vrr = floor_covariance((d_heading**2).mean(), (d_heading * d_speed).mean(), (d_speed**2).mean())
+    return np.array([mean_heading, speed.mean(), vtt, vtr, vrr])
 
 
 @njit(cache=True)
@@ -111,44 +114,21 @@ def _log_density_many(heading, speed, terms, out):
 def _em(heading, speed, components, max_iterations, tolerance):
     """EM in place; the sufficient statistics of each component are gathered in one pass over the data.
 
-    Statistics are taken about the component's present mean, so that nothing cancels.
+    The data are taken in blocks whose loops run over observations, so that the processor's vector units do them.
     """
     n, m = len(heading), len(components)
-    exponents = np.empty((m, 2 * WINDINGS + 1))
+    share = np.empty((m, 2 * WINDINGS + 1, BLOCK))
     statistics = np.empty((m, 6))
     before = -np.inf
     for iteration in range(max_iterations + 1):
         terms = precompute(components)
+        windings = np.where(components[:, 3] < NARROW, 0, WINDINGS)
         statistics[:] = 0.0
         log_likelihood = 0.0
-        for i in range(n):
-            peak = -np.inf
-            for j in range(m):
-                for k in range(2 * WINDINGS + 1):
-                    e = _exponent(heading[i] + TWO_PI * (k - WINDINGS), speed[i], terms, j)
-                    exponents[j, k] = e
-                    peak = max(peak, e)
-            total = 0.0
-            for j in range(m):
-                for k in range(2 * WINDINGS + 1):
-                    d = exponents[j, k] - peak
-                    r = np.exp(d) if d > -40.0 else 0.0  # below the last bit of the sum
-                    exponents[j, k] = r
-                    total += r
-            log_likelihood += peak + np.log(total)
-            for j in range(m):
-                for k in range(2 * WINDINGS + 1):
-                    r = exponents[j, k]
-                    if r > 0.0:
-                        r /= total
-                        dt = heading[i] + TWO_PI * (k - WINDINGS) - components[j, 1]
-                        dr = speed[i] - components[j, 2]
-                        statistics[j, 0] += r
-                        statistics[j, 1] += r * dt
-                        statistics[j, 2] += r * dr
-                        statistics[j, 3] += r * dt * dt
-                        statistics[j, 4] += r * dt * dr
-                        statistics[j, 5] += r * dr * dr
+        for first in range(0, n, BLOCK):
+            some = slice(first, min(first + BLOCK, n))
+            log_likelihood += _responsibilities(heading[some], speed[some], terms, windings, share)
+            _add_statistics(heading[some], speed[some], terms, windings, share, statistics)
         if iteration == max_iterations or log_likelihood - before <= tolerance * n:
             break  # the log-likelihood is that of the components as they stand
         before = log_likelihood
@@ -165,3 +145,71 @@ def _em(heading, speed, components, max_iterations, tolerance):
                 statistics[j, 3] / s - dt * dt, statistics[j, 4] / s - dt * dr, statistics[j, 5] / s - dr * dr
             )
     return log_likelihood
+
+
+@njit(cache=True)
+def _responsibilities(heading, speed, terms, windings, share):
+    """E-step of a block: fill `share` [J, windings, n] with r_jk of every observation; returns its log-likelihood."""
+    n = len(heading)
+    peak, total = np.full(n, -np.inf), np.zeros(n)
+    for j in range(len(terms)):
+        for k in range(-windings[j], windings[j] + 1):
+            exponent = share[j, k + windings[j]]
+            for i in range(n):
+                dt, dr = unwrapped(heading[i] - terms[j, 1], k), speed[i] - terms[j, 2]
+                quadratic = terms[j, 3] * dt * dt + 2.0 * terms[j, 4] * dt * dr + terms[j, 5] * dr * dr
+                exponent[i] = terms[j, 0] - 0.5 * quadratic
+                peak[i] = max(peak[i], exponent[i])
+    for j in range(len(terms)):
+        for k in range(2 * windings[j] + 1):
+            density = share[j, k]
+            for i in range(n):
+                density[i] = exp_of_negative(density[i] - peak[i])
+                total[i] += density[i]
+    log_likelihood, product = peak.sum(), 1.0
+    for i in range(n):  # one logarithm for many: a total is between 1 and the number of terms
+        product *= total[i]
+        if product > 1e200:
+            log_likelihood += np.log(product)
+            product = 1.0
+        total[i] = 1.0 / total[i]
+    log_likelihood += np.log(product)
+    for j in range(len(terms)):
+        for k in range(2 * windings[j] + 1):
+            for i in range(n):
+                share[j, k, i] *= total[i]
+    return log_likelihood
+
+
+@njit(cache=True, fastmath={"reassoc"})
+def _add_statistics(heading, speed, terms, windings, share, statistics):
+    """Add a block's sums of r, r dt, r dr, r dt^2, r dt dr, r dr^2 about the present means, so that nothing cancels."""
+    for j in range(len(terms)):
+        for k in range(-windings[j], windings[j] + 1):
+            r = share[j, k + windings[j]]
+            s0 = s1 = s2 = s3 = s4 = s5 = 0.0
+            for i in range(len(heading)):
+                dt, dr = unwrapped(heading[i] - terms[j, 1], k), speed[i] - terms[j, 2]
+                s0 += r[i]
+                s1 += r[i] * dt
+                s2 += r[i] * dr
+                s3 += r[i] * dt * dt
+                s4 += r[i] * dt * dr
+                s5 += r[i] * dr * dr
+            statistics[j] += np.array([s0, s1, s2, s3, s4, s5])
+
+
+@njit(cache=True, inline="always")
+def unwrapped(difference, k):
+    """A difference of angles brought to [-pi, pi], and k turns on."""
+    return difference - TWO_PI * (np.rint(difference / TWO_PI) - k)
+
+
+@njit(cache=True, inline="always")
+def exp_of_negative(x):
+    """exp(x) of x <= 0 to 1e-12 of 1, as (e^(x / 1024))^1024: sums and products only, so that loops of it vectorise."""
+    y = max(x, -40.0) / 1024.0
+    e = 1.0 + y * (1.0 + y * (1 / 2 + y * (1 / 6 + y * (1 / 24 + y * (1 / 120 + y / 720)))))
+    for _ in range(10):
+        e *= e
+    return e
