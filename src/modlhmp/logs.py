@@ -1,13 +1,19 @@
-"""Logs of a job: to its file and to the terminal; bad input ends it with a message, not a traceback."""
+"""Logs of a job, to its file and to the terminal, and its progress; bad input ends it with a message."""
 
 import contextlib
+import functools
 import logging
 import sys
 import traceback
 import warnings
 from pathlib import Path
 
+from tqdm import tqdm
+
 from modlhmp.storage import DataError
+
+# Of whatever takes over 5 s: how much is done, how fast, how long to go.
+progress = functools.partial(tqdm, delay=5.0, mininterval=5.0)
 
 
 @contextlib.contextmanager

@@ -5,10 +5,15 @@ import json
 import os
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 _PROVENANCE = b"modlhmp"
+_ENCODINGS = {
+    pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
+}  # fmt: skip
+pa.set_memory_pool(pa.system_memory_pool())  # gives memory back; the default one keeps some 20 MB in every job
 
 
 class DataError(ValueError):
@@ -21,13 +26,37 @@ def write_parquet(table, path, **provenance):
         table = pa.table(table)
     metadata = {**(table.schema.metadata or {}), **provenance_metadata(**provenance)}
     with atomic_path(path) as temporary:
-        pq.write_table(table.replace_schema_metadata(metadata), temporary, compression="zstd")
+        pq.write_table(table.replace_schema_metadata(metadata), temporary, **packing(table.schema))
+
+
+def packing(schema):
+    """Options of the Parquet writer that make our tables smallest.
+
+    Bytes of float32 numbers are stored by place (files a fifth to a half smaller), whole numbers as differences.
+    """
+    encodings = {}
+    for field in schema:
+        is_list = pa.types.is_fixed_size_list(field.type)
+        kind = field.type.value_type if is_list else field.type
+        if kind in _ENCODINGS:
+            encodings[f"{field.name}.list.element" if is_list else field.name] = _ENCODINGS[kind]
+    others = [name for name in schema.names if not {name, f"{name}.list.element"} & encodings.keys()]
+    return {"compression": "zstd", "use_dictionary": others, "column_encoding": encodings}
+
+
+def column(table, name):
+    """A column without nulls as an array that may not be written to; of a column of lists, all their values.
+
+    Not by `to_numpy`, which imports pandas: 0.15 s and 50 MB of every job.
+    """
+    values = table[name].combine_chunks()
+    return np.from_dlpack(values.flatten() if pa.types.is_nested(values.type) else values)
 
 
 def read_parquet(path, columns=None):
     """Read a table; a missing or damaged file is a `DataError` that says how to get it back."""
     try:
-        return pq.read_table(path, columns=columns)
+        return pq.ParquetFile(path).read(columns)
     except (OSError, pa.ArrowInvalid) as error:
         raise DataError(f"{path}: cannot be read as Parquet ({error}); delete it and run the workflow again") from None
 

@@ -11,7 +11,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.storage import DataError, read_parquet, write_parquet
+from modlhmp.storage import DataError, column, read_parquet, write_parquet
 
 COLUMNS = {"track_id": np.int64, "t": np.float64, "x": np.float64, "y": np.float64,
            "speed": np.float64, "heading": np.float64}  # fmt: skip
@@ -70,7 +70,7 @@ def read_tracks(path):
     missing = [name for name in COLUMNS if name not in table.column_names]
     if missing:
         raise DataError(f"{path}: no column {', '.join(missing)}; it is not a track table of this version")
-    return Tracks(*(table[name].to_numpy() for name in COLUMNS))
+    return Tracks(*(column(table, name) for name in COLUMNS))
 
 
 def runs(first, counts):

@@ -11,6 +11,7 @@ from scipy import stats
 from modlhmp.forecasting import forecast_recording
 from modlhmp.forecasting.base import stream_keys, uniforms
 from modlhmp.forecasting.cvm import constant_velocity
+from modlhmp.forecasting.median import with_median
 from modlhmp.forecasting.observe import Observed, current_velocity, kernel_weights, observe, usable_tracks
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.maps.base import HourlyMod
@@ -236,7 +237,7 @@ def test_particle_that_stopped_does_not_come_back():
     gap = Field(lambda x, y, v, h: (v, h), lambda x, y: np.abs(x - start - 3) > 0.5)  # no dynamics at the third step
     got = roll_out(gap, observed, (np.ones(1), np.zeros(1)), 6, keys_of(observed, 1))
     assert got.steps_alive.tolist() == [[2]]
-    assert len(gap.calls[3][0]) == 0  # nobody is left to ask for
+    assert len(gap.calls) == 3  # nobody is left to ask for
 
 
 @pytest.mark.parametrize("kind", ["cliff", "stef"])
@@ -377,6 +378,38 @@ def test_forecast_of_a_recording_does_not_depend_on_shards_or_on_other_seeds(mod
     for key, expected in whole.items():
         for one, other in zip(parts[key], expected, strict=True):
             np.testing.assert_array_equal(one, other)
+
+
+def test_forecast_of_a_recording_does_not_depend_on_how_many_tracks_are_forecast_together(mod, monkeypatch):
+    observed, _ = walkers(24, n=7)
+    dataset = {"observed_rows": 4, "horizon_s": 10, "time_step_s": 1.0}
+    table = Tracks(*map(np.concatenate, zip(*recording_of(observed), strict=True)))
+    asked = []
+
+    def forecaster(observed, steps, keys):
+        asked.append(len(keys))
+        return with_median(roll_out(mod, observed, current_velocity(observed, "columns"), steps, keys))
+
+    ((_, ids, whole),) = forecast_recording(table, forecaster, dataset, NAMES, 4, [0])
+    monkeypatch.setattr("modlhmp.forecasting.TRACKS_AT_ONCE", 3)
+    ((_, same_ids, in_blocks),) = forecast_recording(table, forecaster, dataset, NAMES, 4, [0])
+    ((_, _, first),) = forecast_recording(table, forecaster, dataset, NAMES, 4, [0], keep=2)
+    assert asked == [7] + 2 * [3, 3, 1]
+    assert ids.tolist() == same_ids.tolist()
+    assert_same(in_blocks, whole)
+    assert_same(first, whole.first(2))
+
+
+def test_only_futures_behind_a_median_are_left_out(mod):
+    observed, velocity = walkers(25, n=3)
+    dataset = {"observed_rows": 4, "horizon_s": 10, "time_step_s": 1.0}
+    table = Tracks(*map(np.concatenate, zip(*recording_of(observed), strict=True)))
+
+    def forecaster(observed, steps, keys):
+        return roll_out(mod, observed, velocity, steps, keys)
+
+    ((_, _, forecast),) = forecast_recording(table, forecaster, dataset, NAMES, 4, [0], keep=2)
+    assert forecast.xy.shape[1] == 4
 
 
 def test_unusable_tracks_are_not_forecast():

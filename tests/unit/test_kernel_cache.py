@@ -62,12 +62,12 @@ def test_an_edited_constant_of_kernels_has_another(package, tmp_path):
     """Numba compiles the values of globals in: those that the snippets' kernels import stand in a file without any."""
     copy = package()
     before, file = cache_of(copy, tmp_path / "cache"), copy / "maps/pieces.py"
-    assert "@njit" not in file.read_text()
+    assert "@kernel" not in file.read_text()
     file.write_text(file.read_text().replace("SLOW_M_S = 0.3", "SLOW_M_S = 0.4"))
     assert cache_of(copy, tmp_path / "cache") != before
 
 
-@pytest.mark.parametrize("name", ["logs.py", "paper/style.py", "baselines/lstm.py"])
+@pytest.mark.parametrize("name", ["settings.py", "paper/style.py", "baselines/lstm.py"])
 def test_an_edit_elsewhere_compiles_nothing_again(package, tmp_path, name):
     copy = package()
     before = cache_of(copy, tmp_path / "cache")
@@ -85,6 +85,49 @@ def test_it_lies_in_the_folder_that_was_named(package, tmp_path):
 def test_without_a_name_it_lies_in_the_home_folder(package):
     copy = package()
     assert cache_of(copy, None).parent == copy.parent / ".cache/modlhmp"
+
+
+@pytest.mark.parametrize("named", ["a file", "nowhere"])
+def test_where_nothing_may_be_written_it_lies_with_the_temporary_files(package, tmp_path, monkeypatch, named):
+    """A read-only installation, or a home folder that is none."""
+    (tmp_path / "a file").touch()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
+    (tmp_path / "tmp").mkdir()
+    base = tmp_path / named / "cache" if named == "a file" else Path("/proc/nowhere")
+    copy = package()
+    folder = cache_of(copy, base)
+    assert folder.parent.parent == tmp_path / "tmp"
+    assert folder.is_dir()
+    assert cache_of(copy, base, CHILD) == folder
+
+
+COMPILE = """
+from modlhmp.maps.swgmm import floor_covariance
+floor_covariance(0.1, 0.0, 0.1)
+print(len(floor_covariance.stats.cache_misses))
+"""
+
+
+def started(environment, code):
+    """A process that calls a kernel and prints how often it had to compile it."""
+    return subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def test_jobs_that_start_together_compile_a_kernel_once(package, tmp_path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(package().parent)}
+    jobs = [started(environment, COMPILE) for _ in range(4)]
+    compiled = [int(job.communicate(timeout=300)[0]) for job in jobs]
+    assert sorted(compiled) == [0, 0, 0, 1]  # the others found what that one had compiled
+
+
+def test_types_that_are_compiled_at_once_do_not_take_each_other_s_place(package, tmp_path):
+    """Numba's index of a kernel is read, changed and written again: without a lock the last writer wins."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": str(package().parent)}
+    calls = [COMPILE.replace("0.1, 0.0, 0.1", values) for values in ("0.1, 0.0, 0.1", "1, 0, 1", "1.0, 0, 1")]
+    jobs = [started(environment, call) for call in calls]
+    assert [int(job.communicate(timeout=300)[0]) for job in jobs] == [1, 1, 1]
+    again = [int(started(environment, call).communicate(timeout=300)[0]) for call in calls]
+    assert again == [0, 0, 0]
 
 
 def test_a_child_process_has_its_parent_s(package, tmp_path):

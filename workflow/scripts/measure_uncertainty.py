@@ -1,10 +1,9 @@
 """Rule measure_uncertainty."""
 
 import pyarrow as pa
-from tqdm import tqdm
 
 from modlhmp.forecasting import make_forecaster, seeds_of
-from modlhmp.logs import job_log
+from modlhmp.logs import job_log, progress
 from modlhmp.scoring.summary import scored_horizons
 from modlhmp.scoring.uncertainty import measure
 from modlhmp.storage import DataError, provenance, write_parquet
@@ -19,7 +18,7 @@ with job_log(snakemake.log[0]) as log:
     seeds = seeds_of(method["kind"], params.seeds)
     horizons = scored_horizons(params.horizons, dataset) or [dataset["horizon_s"]]
     tables = []
-    for name, file in zip(params.recordings, tqdm(snakemake.input.tracks, mininterval=2.0), strict=True):
+    for name, file in zip(params.recordings, progress(snakemake.input.tracks, desc="recordings"), strict=True):
         keyed_by = (names.dataset, names.method, name)
         parts = measure(
             read_tracks(file), forecaster, dataset, keyed_by, method["options"]["k"], params.samples, seeds, horizons

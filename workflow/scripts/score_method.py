@@ -6,7 +6,7 @@ import pyarrow as pa
 
 from modlhmp.floor_plan import load_floor_plan
 from modlhmp.forecasting import read_forecasts
-from modlhmp.logs import job_log
+from modlhmp.logs import job_log, progress
 from modlhmp.scoring import score_recording
 from modlhmp.storage import DataError, provenance, write_parquet
 from modlhmp.tracks import read_tracks
@@ -14,7 +14,9 @@ from modlhmp.tracks import read_tracks
 with job_log(snakemake.log[0]) as log:
     plan = load_floor_plan(snakemake.input.floor_plan[0]) if snakemake.input.floor_plan else None
     tables = []
-    for name, tracks in zip(snakemake.params.recordings, snakemake.input.tracks, strict=True):
+    for name, tracks in zip(
+        snakemake.params.recordings, progress(snakemake.input.tracks, desc="recordings"), strict=True
+    ):
         forecasts = read_forecasts(Path(snakemake.input.forecasts) / f"{name}.parquet")
         errors = score_recording(read_tracks(tracks), forecasts, name, snakemake.params.dataset, plan)
         tables.append(errors)

@@ -2,9 +2,7 @@
 
 from pathlib import Path
 
-from tqdm import tqdm
-
-from modlhmp.logs import job_log
+from modlhmp.logs import job_log, progress
 from modlhmp.scoring.studies import sample_tracks, vary
 from modlhmp.storage import provenance, write_parquet
 from modlhmp.tracks import read_tracks
@@ -18,6 +16,6 @@ with job_log(snakemake.log[0]) as log:
         params.seeds,
     )  # fmt: skip
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
-    for value, errors in tqdm(variants, total=len(params.values), desc="values", mininterval=2.0):
+    for value, errors in progress(variants, total=len(params.values), desc="values"):
         log.info("%s = %g: %d rows of errors", snakemake.wildcards.parameter, value, errors.num_rows)
         write_parquet(errors, Path(snakemake.output[0]) / f"{value:g}.parquet", **origin)

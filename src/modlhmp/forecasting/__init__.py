@@ -10,17 +10,19 @@ from modlhmp.forecasting.chain import chain
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import with_median
 from modlhmp.forecasting.neighbours import find_neighbours
-from modlhmp.forecasting.observe import current_velocity, observe, observed_steps, polar
+from modlhmp.forecasting.observe import Observed, current_velocity, observe, observed_steps, polar
 from modlhmp.forecasting.replay import replay
 from modlhmp.forecasting.rollout import roll_out
+from modlhmp.logs import progress
 from modlhmp.maps.episodes import EpisodeMap
 from modlhmp.maps.exits import WithExits
 from modlhmp.maps.pieces import Metric, vector_mean
 from modlhmp.maps.snippets import SnippetMap
-from modlhmp.storage import atomic_path, provenance_metadata, read_metadata
+from modlhmp.storage import atomic_path, column, packing, provenance_metadata, read_metadata
 from modlhmp.tracks import together, usable_tracks
 
 STORED = 20  # of the samples behind a median; all of them would be gigabytes
+TRACKS_AT_ONCE = 250  # whose futures, all of them, are in memory together
 UNSEEDED = ("cvm", "episodes")  # kinds that draw no random numbers
 
 
@@ -74,12 +76,12 @@ def _follower(kind, options, dataset, map_path):
     return lambda observed, steps, keys: chain(mod, observed, steps, keys, *rest)
 
 
-def forecast_recording(tracks, forecaster, dataset, names, k, seeds, others=None):
+def forecast_recording(tracks, forecaster, dataset, names, k, seeds, others=None, keep=None):
     """Forecast every usable track of a recording to the longest horizon, for each seed.
 
     `names` = (dataset, method, recording) key the random numbers; `others` are the tracks of that day's other
     recordings, if the forecaster looks at neighbours. Yields (seed, track_ids [n], Forecast); a forecaster without
-    randomness is run for the first seed only.
+    randomness is run for the first seed only. Of a median's futures the first `keep` are given, by default all.
     """
     seen, rows = dataset["observed_rows"], usable_tracks(tracks, dataset["observed_rows"])
     observed = observe(tracks, rows, seen)
@@ -87,12 +89,20 @@ def forecast_recording(tracks, forecaster, dataset, names, k, seeds, others=None
         everyone, at_t0 = together([tracks, *others]), rows[:, 0] + seen - 1
         found = find_neighbours(everyone, at_t0, seen, dataset["time_step_s"])
         observed = observed._replace(neighbours=found.xy)
-    steps = round(dataset["horizon_s"] / dataset["time_step_s"])
-    for seed in seeds:
-        forecast = forecaster(observed, steps, stream_keys(observed.track_id, k, seed, *names))
-        yield seed, observed.track_id, forecast
-        if forecast.output == "single":
-            return
+    steps, n = round(dataset["horizon_s"] / dataset["time_step_s"]), len(rows)
+    with progress(total=n * len(seeds), desc="forecasts", unit=" tracks") as bar:
+        for seed in seeds:
+            # A forecast does not depend on which tracks are forecast together, and so few fit a processor's caches.
+            blocks = []
+            for first in range(0, max(n, 1), TRACKS_AT_ONCE):
+                some = Observed(*(column[first : first + TRACKS_AT_ONCE] for column in observed))
+                forecast = forecaster(some, steps, stream_keys(some.track_id, k, seed, *names))
+                blocks.append(forecast.first(keep) if forecast.output == "median" else forecast)
+                bar.update(len(some.track_id))
+            whole = (np.concatenate(parts) for parts in zip(*(block[:3] for block in blocks), strict=True))
+            yield seed, observed.track_id, Forecast(*whole, forecast.output)
+            if forecast.output == "single":
+                return
 
 
 def average_forecasts(members):
@@ -120,15 +130,11 @@ def average_forecasts(members):
 
 
 def write_forecasts(path, forecasts, **provenance):
-    """Write forecasts as they come, one row a track and seed and one row group a seed.
-
-    Of a median's futures, the first (itself) and `STORED` samples are kept.
-    """
+    """Write forecasts as they come, one row a track and seed and one row group a seed."""
     with atomic_path(path) as temporary:
         writer = None
         try:
-            for seed, track_ids, whole in forecasts:
-                forecast = whole.first(1 + STORED) if whole.output == "median" else whole
+            for seed, track_ids, forecast in forecasts:
                 _, k, steps, _ = forecast.xy.shape
                 table = pa.table(
                     {
@@ -142,7 +148,8 @@ def write_forecasts(path, forecasts, **provenance):
                 if writer is None:
                     shape = {"output": forecast.output, "k": k, "steps": steps}
                     metadata = provenance_metadata(**provenance, **shape)
-                    writer = pq.ParquetWriter(temporary, table.schema.with_metadata(metadata), compression="zstd")
+                    schema = table.schema.with_metadata(metadata)
+                    writer = pq.ParquetWriter(temporary, schema, **packing(schema))
                 writer.write_table(table, row_group_size=max(len(track_ids), 1))
             if writer is None:  # the average of files without a row
                 shape = provenance_metadata(**provenance, output="single", k=1, steps=0)
@@ -162,16 +169,12 @@ def read_forecasts(path):
         n = table.num_rows
         if not n:
             continue
-        xy, fitness, alive = (_flat(table[name]) for name in ("xy", "log_fitness", "steps_alive"))
+        xy, fitness, alive = (column(table, name) for name in ("xy", "log_fitness", "steps_alive"))
         forecast = Forecast(
             xy.reshape(n, k, steps, 2), fitness.reshape(n, k, steps), alive.reshape(n, k), shape["output"]
         )
-        yield table["seed"][0].as_py(), table["track_id"].to_numpy(), forecast
+        yield table["seed"][0].as_py(), column(table, "track_id"), forecast
 
 
 def _lists(array, size):
     return pa.FixedSizeListArray.from_arrays(pa.array(array.ravel()), size)
-
-
-def _flat(column):
-    return column.combine_chunks().flatten().to_numpy()

@@ -12,7 +12,8 @@ import hashlib
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from modlhmp.kernels import kernel
 
 
 class Forecast(NamedTuple):
@@ -58,7 +59,7 @@ def uniforms(keys, step, draws):
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 
 
-@njit(cache=True)
+@kernel
 def uniform(key, number):
     """The number-th of a key's numbers in (0, 1): what `uniforms` gives, for kernels that use as many as they need."""
     z = key + np.uint64(number + 1) * _GOLDEN

@@ -7,13 +7,13 @@ CLiFF-LHMP with real velocities instead of a mixture's, conditioned on heading a
 """
 
 import numpy as np
-from numba import njit
 
 from modlhmp.forecasting.base import Forecast, uniform
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import with_median
 from modlhmp.forecasting.observe import observed_steps, polar
 from modlhmp.forecasting.replay import between, hold, paced
+from modlhmp.kernels import kernel
 from modlhmp.maps.pieces import HEADINGS, SLOW_M_S, features, vector_mean
 from modlhmp.tracks import clock_time
 
@@ -44,7 +44,7 @@ def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=
     return forecast
 
 
-@njit(cache=True)
+@kernel
 def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, kernel, pace, exits):
     """Futures [n, k, T, 2] and how many steps each is alive [n, k]; `mod` are the map's `SnippetArrays`."""
     n, k = keys.shape
@@ -78,7 +78,7 @@ def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, kernel,
     return xy, alive
 
 
-@njit(cache=True)
+@kernel
 def _move_on(mod, point, path, at, rate):
     """Turn `point` into that of a particle at row `at` of a snippet's path; returns its speed and heading."""
     weights, metric, vx, vy = mod.weights, mod.metric, 0.0, 0.0
@@ -98,7 +98,7 @@ def _move_on(mod, point, path, at, rate):
     return speed, np.arctan2(vy, vx)
 
 
-@njit(cache=True)
+@kernel
 def _draw(mod, key, drawn, point, speed, heading, minute, exclude, kernel, bins, upto):
     """A snippet for a particle, -1 if there is none around, and the number of random numbers used so far."""
     number = _bins_around(mod, point, speed, heading, bins, upto)
@@ -122,7 +122,7 @@ def _draw(mod, key, drawn, point, speed, heading, minute, exclude, kernel, bins,
     return best, drawn
 
 
-@njit(cache=True)
+@kernel
 def _bins_around(mod, point, speed, heading, bins, upto):
     """Fill `bins` around a particle and `upto`, how many pieces they and those before stand for; returns their number.
 

@@ -5,9 +5,9 @@ E. Weiszfeld, Tohoku Math. J. 43, 1937.
 """
 
 import numpy as np
-from numba import njit
 
 from modlhmp.forecasting.base import Forecast
+from modlhmp.kernels import kernel
 
 SOFTENING_M = 0.01  # keeps the weights finite where the median meets a point
 TOLERANCE_M = 1e-3
@@ -29,7 +29,7 @@ def with_median(forecast):
     )
 
 
-@njit(cache=True)
+@kernel
 def geometric_median(points, count):
     """Geometric median (x, y) of the first `count` of the `points` [.., 2]; their mean is the first guess."""
     mx = my = 0.0
@@ -52,7 +52,7 @@ def geometric_median(points, count):
     return mx, my
 
 
-@njit(cache=True)
+@kernel
 def _median_paths(xy, steps_alive):
     n, k, steps, _ = xy.shape
     path = np.empty((n, steps, 2), np.float32)

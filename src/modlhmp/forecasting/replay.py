@@ -5,12 +5,12 @@ is not asked. The result is the geometric median of the nearest of them.
 """
 
 import numpy as np
-from numba import njit
 
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import geometric_median
 from modlhmp.forecasting.observe import observed_steps, polar
+from modlhmp.kernels import kernel
 from modlhmp.maps.pieces import features, vector_mean
 from modlhmp.tracks import clock_time
 
@@ -44,7 +44,7 @@ def replay(mod, observed, steps, step_s, k, pace, reach_m, exclude_s=0.0):
     return Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median")
 
 
-@njit(cache=True)
+@kernel
 def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, xy, alive):
     """Fill `xy` [n, 1 + samples, T, 2] and `alive` [n, 1 + samples] of the walkers who have somebody to follow."""
     n, samples, steps = len(rows), xy.shape[1] - 1, xy.shape[2]
@@ -84,7 +84,7 @@ def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, 
             alive[i, 0] = step + 1
 
 
-@njit(cache=True)
+@kernel
 def _at(path, row, last, rows_on, here, point):
     """Where somebody was `rows_on` rows after `row`, moved to start from `here`; False if they had left by then."""
     whole = int(rows_on)
@@ -97,7 +97,7 @@ def _at(path, row, last, rows_on, here, point):
     return True
 
 
-@njit(cache=True)
+@kernel
 def between(path, row, axis):
     """Linear interpolation between the rows of a path [m, 2] at a row number with a fraction."""
     whole = int(row)
@@ -107,7 +107,7 @@ def between(path, row, axis):
     return (1.0 - part) * path[whole, axis] + part * path[whole + 1, axis]
 
 
-@njit(cache=True)
+@kernel
 def hold(path, step, here):
     """From `step` on, stay where the path [T, 2] was before it."""
     for later in range(step, len(path)):
@@ -115,7 +115,7 @@ def hold(path, step, here):
             path[later, axis] = path[step - 1, axis] if step else here[axis]
 
 
-@njit(cache=True)
+@kernel
 def paced(own, other, exponent):
     """How many of the other's seconds pass in one of the walker's."""
     if own <= PACED_M_S or other <= PACED_M_S:

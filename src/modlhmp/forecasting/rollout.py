@@ -2,8 +2,12 @@
 
 import numpy as np
 
-from modlhmp.forecasting.base import Forecast, uniforms
-from modlhmp.tracks import circular_difference, wrap_angle
+from modlhmp.forecasting.base import Forecast, uniform
+from modlhmp.forecasting.replay import hold
+from modlhmp.kernels import kernel
+from modlhmp.maps.base import parts
+
+TWO_PI = 2.0 * np.pi
 
 
 def roll_out(mod, observed, velocity, steps, keys, step_s=1.0, beta=1.0, speed_rule="constant"):
@@ -14,35 +18,79 @@ def roll_out(mod, observed, velocity, steps, keys, step_s=1.0, beta=1.0, speed_r
     observed speed, "kernel" updates it as the paper's equation does.
     """
     n, k = keys.shape
-    track = np.repeat(np.arange(n), k)
-    x, y = observed.x[track, -1], observed.y[track, -1]
-    t0 = observed.t[track, -1]
-    speed, heading = (np.asarray(part, float)[track] for part in velocity)
-    stream = keys.ravel()
-    xy = np.empty((steps, n * k, 2), np.float32)
-    log_fitness = np.empty((steps, n * k), np.float32)
+    xy, log_fitness = np.empty((n * k, steps, 2), np.float32), np.empty((n * k, steps), np.float32)
     steps_alive = np.zeros(n * k, np.int32)
-    position, fitness = np.column_stack([x, y]), np.zeros(n * k)
-    alive = np.arange(n * k)
-    for step in range(steps):
-        v, theta = speed[alive], heading[alive]
-        x_new = position[alive, 0] + v * np.cos(theta) * step_s
-        y_new = position[alive, 1] + v * np.sin(theta) * step_s
-        draws = uniforms(stream[alive], step, mod.draws)
-        v_map, theta_map, log_p, found = mod.sample(x_new, y_new, v, theta, t0[alive], draws)
-        alive = alive[found]
-        position[alive, 0], position[alive, 1] = x_new[found], y_new[found]
-        fitness[alive] += log_p[found]
-        steps_alive[alive] += 1
-        turn = circular_difference(theta_map[found], theta[found])
-        heading[alive] = wrap_angle(theta[found] + turn * np.exp(-beta * turn**2))
-        if speed_rule == "kernel":
-            change = v_map[found] - v[found]
-            speed[alive] = v[found] + change * np.exp(-beta * change**2)
-        xy[step], log_fitness[step] = position, fitness
-    return Forecast(
-        np.ascontiguousarray(xy.transpose(1, 0, 2)).reshape(n, k, steps, 2),
-        np.ascontiguousarray(log_fitness.T).reshape(n, k, steps),
-        steps_alive.reshape(n, k),
-        "ranked",
-    )
+    here, t0 = np.column_stack([observed.x[:, -1], observed.y[:, -1]]), observed.t[:, -1]
+    for one, tracks in parts(mod, t0):
+        # Particles still on the map stand at the beginning of these arrays.
+        particle = (tracks[:, None] * k + np.arange(k)).ravel()
+        track, stream, alive = particle // k, keys.ravel()[particle], len(particle)
+        state = np.stack([*here[track].T, *(part[track] for part in velocity), np.zeros(alive)])
+        t, moved, draws = t0[track], np.empty((2, alive)), np.empty((alive, one.draws))
+        for step in range(steps):
+            _move(state, stream, alive, step, step_s, moved, draws)
+            x, y, speed, heading = moved[0, :alive], moved[1, :alive], state[2, :alive], state[3, :alive]
+            sampled = one.sample(x, y, speed, heading, t[:alive], draws[:alive])
+            alive = _bias(state, particle, stream, t, moved, *sampled, step, beta, speed_rule == "kernel",
+                          xy, log_fitness, steps_alive)  # fmt: skip
+            if not alive:
+                break
+    _hold(xy, log_fitness, steps_alive, here, k)
+    return Forecast(xy.reshape(n, k, steps, 2), log_fitness.reshape(n, k, steps), steps_alive.reshape(n, k), "ranked")
+
+
+@kernel
+def _move(state, stream, alive, step, step_s, moved, draws):
+    """Line 6 of Algorithm 1: positions `moved` [2, m] one step on, and the `draws` [m, d] for sampling there."""
+    number = draws.shape[1]
+    for i in range(alive):
+        x, y, speed, heading = state[0, i], state[1, i], state[2, i], state[3, i]
+        moved[0, i], moved[1, i] = x + speed * np.cos(heading) * step_s, y + speed * np.sin(heading) * step_s
+        for draw in range(number):
+            draws[i, draw] = uniform(stream[i], step * number + draw)
+
+
+@kernel
+def _bias(state, particle, stream, t, moved, map_speed, map_heading, log_p, found, step, beta, kernel_speed,
+          xy, log_fitness, steps_alive):  # fmt: skip
+    """Line 8: turn towards the sampled velocity; record the step; keep the particles that found dynamics.
+
+    Returns how many those are.
+    """
+    kept = 0
+    for i in range(len(found)):
+        if not found[i]:
+            continue
+        speed, heading, fitness, one = state[2, i], state[3, i], state[4, i] + log_p[i], particle[i]
+        xy[one, step, 0], xy[one, step, 1] = moved[0, i], moved[1, i]
+        log_fitness[one, step], steps_alive[one] = fitness, step + 1
+        turn = _wrapped(map_heading[i] - heading)
+        heading = _wrapped(heading + turn * np.exp(-beta * turn**2))
+        if kernel_speed:
+            change = map_speed[i] - speed
+            speed += change * np.exp(-beta * change**2)
+        state[0, kept], state[1, kept] = moved[0, i], moved[1, i]
+        state[2, kept], state[3, kept], state[4, kept] = speed, heading, fitness
+        particle[kept], stream[kept], t[kept] = one, stream[i], t[i]
+        kept += 1
+    return kept
+
+
+@kernel
+def _wrapped(angle):
+    """An angle in [-3 pi, 3 pi] brought to (-pi, pi], to the bit as `tracks.wrap_angle` does."""
+    below = np.pi - angle
+    if below < 0.0:
+        below += TWO_PI
+    elif below >= TWO_PI:
+        below -= TWO_PI
+    return np.pi - below if below < TWO_PI else np.pi
+
+
+@kernel
+def _hold(xy, log_fitness, steps_alive, here, k):
+    """Stopped futures stay at their last position alive, with the fitness that they had there."""
+    for one in range(len(xy)):
+        alive = steps_alive[one]
+        hold(xy[one], alive, here[one // k])
+        log_fitness[one, alive:] = log_fitness[one, alive - 1] if alive else 0.0

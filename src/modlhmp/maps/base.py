@@ -7,7 +7,8 @@ A MoD is an object with an attribute `draws`, how many random numbers a sample t
 vectorised over particles: `x`, `y` [m], `speed` [m/s], `heading` [rad] and `t` [unix s] are arrays of shape [n],
 `uniforms` is [n, draws] in (0, 1). It returns the velocity sampled
 from the map at each position, the log of its fitness for ranking, and whether the map has dynamics there.
-Nothing else of a map is known to the rest of the workflow.
+A map that is made of several, each for tracks of its own, has a method `parts` instead. Nothing else of a map is known
+to the rest of the workflow.
 """
 
 import numpy as np
@@ -18,26 +19,22 @@ from modlhmp.tracks import clock_hours
 MAX_LATTICE = 1 << 22  # nodes of a map's bounding box: 2 km x 2 km at 1 m
 
 
+def parts(mod, t):
+    """(MoD, rows [m] of `t`) for the map, or each of the hourly maps, that serves tracks with t0 = `t` [n]."""
+    return mod.parts(t) if hasattr(mod, "parts") else [(mod, np.arange(len(t)))]
+
+
 class HourlyMod:
-    """A MoD of several maps, one a clock hour: each particle uses the map of its own `t` (the track's t0)."""
+    """Several MoDs, one a clock hour: each track uses the map of its own t0; tracks of other hours have none."""
 
     def __init__(self, by_hour, timezone):
         self.by_hour = by_hour
         self.timezone = timezone
-        self.draws = max((mod.draws for mod in by_hour.values()), default=0)
 
-    def sample(self, x, y, speed, heading, t, uniforms):
-        """See the module's docstring; particles of an hour without a map find no dynamics."""
-        sampled_speed, sampled_heading = np.array(speed), np.array(heading)
-        log_fitness, found = np.zeros(len(x)), np.zeros(len(x), bool)
+    def parts(self, t):
+        """See `parts`."""
         hours = clock_hours(t, self.timezone)
-        for hour in np.unique(hours):
-            mod, rows = self.by_hour.get(int(hour)), hours == hour
-            if mod is not None:
-                sampled_speed[rows], sampled_heading[rows], log_fitness[rows], found[rows] = mod.sample(
-                    x[rows], y[rows], speed[rows], heading[rows], t[rows], uniforms[rows, : mod.draws]
-                )
-        return sampled_speed, sampled_heading, log_fitness, found
+        return [(mod, rows) for hour, mod in self.by_hour.items() if len(rows := np.flatnonzero(hours == hour))]
 
 
 def read_map(path, what, columns, keys=()):

@@ -6,23 +6,24 @@ clock hour (`maps.base.HourlyMod`), Sec. III-B.2.
 
 import numpy as np
 import pyarrow as pa
-from numba import njit
-from scipy.spatial import cKDTree
-from tqdm import tqdm
 
+from modlhmp.kernels import kernel
+from modlhmp.logs import progress
 from modlhmp.maps import swgmm
 from modlhmp.maps.base import lattice_index
 from modlhmp.maps.mean_shift import BANDWIDTHS, mean_shift
-from modlhmp.storage import DataError, read_parquet
+from modlhmp.storage import DataError, column, read_parquet
 
 MIN_CLUSTER = 5  # smaller clusters are merged into the nearest; their data stay
 COLUMNS = (
     "location", "x", "y", "weight", "mean_heading", "mean_speed",
     "var_heading", "cov_heading_speed", "var_speed", "count", "p", "q",
 )  # fmt: skip
+# The mixture's numbers are known to far fewer digits than float32 has.
+TYPES = {"location": np.int32, "count": np.int32, **dict.fromkeys(COLUMNS[3:9], np.float32)}
 
 
-def build(tracks, resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth="isotropic", progress=False):
+def build(tracks, resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth="isotropic"):
     """Build a CLiFF-map from the velocities of a track table; returns a `pyarrow.Table`, one row a component.
 
     Locations are the multiples of `resolution_m` that have at least `min_observations` moving observations within
@@ -36,7 +37,7 @@ def build(tracks, resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth=
     for number, (node, mine) in enumerate(
         zip(
             locations,
-            tqdm(members, desc="CLiFF locations", disable=not progress, mininterval=2.0),
+            progress(members, desc="CLiFF-map", unit=" locations"),
             strict=True,
         )
     ):
@@ -45,15 +46,16 @@ def build(tracks, resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth=
         rows.append(np.column_stack([head, components, np.full(len(components), len(mine))]))
     table = np.concatenate(rows) if rows else np.empty((0, 10))
     p = table[:, 9] / table[:, 9].max() if len(table) else table[:, 9]
-    columns = [*table.T, p, np.ones(len(table))]
-    whole = {"location", "count"}
-    return pa.table(
-        {n: c.astype(np.int64) if n in whole else c for n, c in zip(COLUMNS, columns, strict=True)}
-    ).replace_schema_metadata({"resolution": str(resolution_m)})
+    columns = zip(COLUMNS, (*table.T, p, np.ones(len(table))), strict=True)
+    return pa.table({name: values.astype(TYPES.get(name, float)) for name, values in columns}).replace_schema_metadata(
+        {"resolution": str(resolution_m)}
+    )
 
 
 def neighbourhoods(x, y, resolution, radius, min_observations):
     """Lattice nodes [m, 2] with enough observations in their closed ball, and the observations' indices of each."""
+    from scipy.spatial import cKDTree  # noqa: PLC0415 - 25 MB and 0.15 s, which only building needs
+
     if not len(x):
         return np.empty((0, 2)), []
     reach = int(np.ceil(radius / resolution))
@@ -72,7 +74,7 @@ def fit_location(heading, speed, bandwidth="isotropic"):
     return components[np.argsort(-components[:, 0], kind="stable")]
 
 
-@njit(cache=True)
+@kernel
 def _merge_small(heading, speed, labels):
     """Give the members of clusters under `MIN_CLUSTER` to the nearest large one (the largest, if none is)."""
     counts = np.bincount(labels)
@@ -90,7 +92,7 @@ def _merge_small(heading, speed, labels):
     return merged
 
 
-@njit(cache=True)
+@kernel
 def _components_of(heading, speed, labels):
     """Weight and moments [J, 6] of each cluster, by rising label."""
     used = np.unique(labels)
@@ -108,7 +110,7 @@ class CliffMap:
     draws = 3
 
     def __init__(self, table, sampling_radius=1.0):
-        columns = {name: table[name].to_numpy() for name in COLUMNS}
+        columns = {name: column(table, name) for name in COLUMNS}
         self.radius = float(sampling_radius)
         self.resolution = float((table.schema.metadata or {}).get(b"resolution", b"1"))
         first = np.flatnonzero(np.diff(columns["location"], prepend=-1))
@@ -162,22 +164,22 @@ class CliffMap:
         )  # fmt: skip
 
 
-@njit(cache=True)
+@kernel(inline="always")  # a call that is handed arrays costs more than the search
 def _locate(x, y, index, origin, resolution, radius, loc_x, loc_y, p):
     """Location with the largest p within `radius` (ties: the nearer, then the first); -1 if there is none."""
-    best, best_p, best_d = -1, -1.0, np.inf
+    best, best_p, best_d2 = -1, -1.0, np.inf
     u, v, r = (x - origin[0]) / resolution, (y - origin[1]) / resolution, radius / resolution + 1e-9
     for i in range(max(int(np.ceil(u - r)), 0), min(int(np.floor(u + r)), index.shape[0] - 1) + 1):
         for j in range(max(int(np.ceil(v - r)), 0), min(int(np.floor(v + r)), index.shape[1] - 1) + 1):
             row = index[i, j]
-            if row >= 0:
-                d = np.hypot(loc_x[row] - x, loc_y[row] - y)
-                if d <= radius and (p[row] > best_p or (p[row] == best_p and d < best_d)):
-                    best, best_p, best_d = row, p[row], d
+            if row >= 0 and p[row] >= best_p:
+                d2 = (loc_x[row] - x) ** 2 + (loc_y[row] - y) ** 2
+                if d2 <= radius * radius and (p[row] > best_p or d2 < best_d2):
+                    best, best_p, best_d2 = row, p[row], d2
     return best
 
 
-@njit(cache=True)
+@kernel
 def _locate_many(x, y, index, origin, resolution, radius, loc_x, loc_y, p):
     out = np.empty(len(x), np.int64)
     for n in range(len(x)):
@@ -185,7 +187,7 @@ def _locate_many(x, y, index, origin, resolution, radius, loc_x, loc_y, p):
     return out
 
 
-@njit(cache=True)
+@kernel
 def _sample(x, y, uniforms, index, origin, resolution, radius, loc_x, loc_y, p, starts, components, terms):
     n = len(x)
     speed, heading = np.zeros(n), np.zeros(n)
@@ -199,14 +201,15 @@ def _sample(x, y, uniforms, index, origin, resolution, radius, loc_x, loc_y, p, 
         while j < starts[row + 1] - 1 and rest > components[j, 0]:
             rest -= components[j, 0]
             j += 1
-        _, mt, mr, vtt, vtr, vrr = components[j]
+        mt, mr, vtt = components[j, 1], components[j, 2], components[j, 3]
+        vtr, vrr = components[j, 4], components[j, 5]
         # Box-Muller, then the Cholesky factor of the component's covariance.
         r = np.sqrt(-2.0 * np.log(uniforms[i, 1]))
         z, w = r * np.cos(swgmm.TWO_PI * uniforms[i, 2]), r * np.sin(swgmm.TWO_PI * uniforms[i, 2])
         sd = np.sqrt(vtt)
         theta = mt + sd * z
         rho = mr + vtr / sd * z + np.sqrt(max(vrr - vtr * vtr / vtt, 0.0)) * w
-        heading[i] = np.pi - np.mod(np.pi - theta, swgmm.TWO_PI)
+        heading[i] = np.pi - (np.pi - theta if -np.pi < theta <= np.pi else np.mod(np.pi - theta, swgmm.TWO_PI))
         speed[i] = max(rho, 0.0)
         log_fitness[i] = swgmm.log_density_one(heading[i], speed[i], terms, starts[row], starts[row + 1])
     return speed, heading, log_fitness, found

@@ -4,11 +4,14 @@ Any map of dynamics can be given them (`WithExits`): a particle that leaves is n
 through a door that the map knows nothing about. Not in the paper.
 """
 
+import copy
+
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.maps.base import lattice_box, read_map
+from modlhmp.maps.base import lattice_box, parts, read_map
 from modlhmp.maps.pieces import cell_and_bin, heading_bin, resample
+from modlhmp.storage import column
 
 PRIOR_ROWS = 10.0  # a bin with fewer rows leans on the rate of the whole map
 COLUMNS = ("i", "j", "bin", "left", "rows")
@@ -32,10 +35,10 @@ class WithExits:
     """A MoD (contract: `maps.base`) whose particles may also leave: they then find no dynamics."""
 
     def __init__(self, mod, table):
-        self.mod, self.draws = mod, mod.draws + 1
+        self.mod = mod
         self.cell = float(table.schema.metadata[b"cell"])
-        cells, bins = np.column_stack([table["i"].to_numpy(), table["j"].to_numpy()]), table["bin"].to_numpy()
-        left, rows = (table[name].to_numpy().astype(float) for name in ("left", "rows"))
+        cells, bins = np.column_stack([column(table, "i"), column(table, "j")]), column(table, "bin")
+        left, rows = (column(table, name).astype(float) for name in ("left", "rows"))
         rate = left.sum() / max(rows.sum(), 1.0)
         self.origin, size = lattice_box(cells)
         self.probability = np.full((*size, int(bins.max(initial=0)) + 1), rate)
@@ -46,6 +49,18 @@ class WithExits:
     def load(cls, mod, path):
         """Read the Parquet form of the ways out; `DataError` where it is not one."""
         return cls(mod, read_map(path, "a map of ways out", COLUMNS, ("cell", "step")))
+
+    def parts(self, t):
+        """See `maps.base`: the same ways out for all maps of the MoD."""
+        for mod, rows in parts(self.mod, t):
+            one = copy.copy(self)
+            one.mod = mod
+            yield one, rows
+
+    @property
+    def draws(self):
+        """One more than the MoD's."""
+        return self.mod.draws + 1
 
     def sample(self, x, y, speed, heading, t, uniforms):
         """See `maps.base`; the last uniform decides whether the particle leaves."""

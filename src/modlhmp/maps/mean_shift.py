@@ -9,7 +9,8 @@ and only until they come near a mode that an earlier one has reached.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from modlhmp.kernels import kernel
 
 NODES_PER_BANDWIDTH = 4.0
 MAX_NODES = (256, 128)
@@ -31,7 +32,7 @@ class Grid(NamedTuple):
     low: float
 
 
-@njit(cache=True)
+@kernel
 def mean_shift(heading, speed, bandwidth):
     """Cluster velocities by the mode that each climbs to.
 
@@ -55,7 +56,7 @@ def mean_shift(heading, speed, bandwidth):
     return _order(of_point, labels, ends, weight, grid)
 
 
-@njit(cache=True)
+@kernel
 def bandwidth_kucner(heading, speed):
     """The reference CLiFF-map builder's rule: h = (4 s^5 / 3n)^(1/5) for s = -2 ln R and s = var(speed).
 
@@ -67,7 +68,7 @@ def bandwidth_kucner(heading, speed):
     return np.sqrt(np.maximum((4.0 / (3.0 * n)) ** 0.2 * spreads, 1e-10))
 
 
-@njit(cache=True)
+@kernel
 def bandwidth_isotropic(heading, speed):
     """The online CLiFF-map builder's rule: one h = (4 s^5 / 3n)^(1/5), the same number for radians and for m/s.
 
@@ -82,7 +83,7 @@ def bandwidth_isotropic(heading, speed):
     return np.array([h, h])
 
 
-@njit(cache=True)
+@kernel
 def sample_variance(values):
     """Variance with n - 1; 0 of one value."""
     return np.sum((values - values.mean()) ** 2) / max(len(values) - 1, 1)
@@ -91,7 +92,7 @@ def sample_variance(values):
 BANDWIDTHS = {"kucner": bandwidth_kucner, "isotropic": bandwidth_isotropic}
 
 
-@njit(cache=True)
+@kernel
 def _grid(speed, bandwidth):
     """A `Grid` fine enough for the bandwidth, within limits."""
     turn = np.ceil(NODES_PER_BANDWIDTH * TWO_PI / bandwidth[0])
@@ -102,7 +103,7 @@ def _grid(speed, bandwidth):
     return Grid(turn, TWO_PI / turn, speeds, max(high - low, 1e-9) / (speeds - 1), low)
 
 
-@njit(cache=True)
+@kernel
 def _spread(heading, speed, grid):
     """Linear binning: each observation shared among its four nodes; also the nearest node [n, 2] of each."""
     weights, nearest = np.zeros((grid.turn, grid.speeds)), np.empty((len(heading), 2), np.int64)
@@ -119,7 +120,7 @@ def _spread(heading, speed, grid):
     return weights, nearest
 
 
-@njit(cache=True)
+@kernel
 def _shift_field(weights, bandwidth, grid):
     """Mean-shift vector in nodes at every node, [turn, speeds, 2]."""
     turn, speeds = weights.shape
@@ -162,7 +163,7 @@ def _shift_field(weights, bandwidth, grid):
     return shift
 
 
-@njit(cache=True)
+@kernel
 def _climb(occupied, weight, shift, bandwidth, grid):
     """Follow the shift field from every occupied node [m, 2], the heaviest first, to a mode: labels [m], ends [m, 2].
 
@@ -192,7 +193,7 @@ def _climb(occupied, weight, shift, bandwidth, grid):
     return labels, ends
 
 
-@njit(cache=True)
+@kernel
 def _interpolated(shift, u, v):
     """The shift field between four nodes."""
     turn, speeds, _ = shift.shape
@@ -206,7 +207,7 @@ def _interpolated(shift, u, v):
     return du + far_after * shift[after, j + 1, 0], dv + far_after * shift[after, j + 1, 1]
 
 
-@njit(cache=True)
+@kernel
 def _nearest_mode(u, v, modes, scale, turn, within):
     """The first mode closer than `within` bandwidths, -1 if there is none."""
     for m in range(len(modes)):
@@ -218,7 +219,7 @@ def _nearest_mode(u, v, modes, scale, turn, within):
     return -1
 
 
-@njit(cache=True)
+@kernel
 def _order(of_point, labels, ends, weight, grid):
     """Labels of the points and modes by falling membership, empty ones dropped; a mode is the mean of its climbs."""
     sums = np.zeros((labels.max() + 1, 4))

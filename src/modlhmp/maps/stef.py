@@ -6,11 +6,11 @@ normalised by the busiest direction of that cell and interval, and each directio
 
 import numpy as np
 import pyarrow as pa
-from numba import njit
 
+from modlhmp.kernels import kernel
 from modlhmp.maps import fremen
 from modlhmp.maps.base import lattice_index
-from modlhmp.storage import DataError, read_parquet
+from modlhmp.storage import DataError, column, read_parquet
 from modlhmp.tracks import clock_offsets
 
 DAY_S = 86400.0
@@ -73,13 +73,13 @@ def evaluate(table, t):
     predicted 0 keeps zeros: it has no dynamics then.
     """
     orientations = int(table.schema.metadata[b"orientations"])
-    parts = [np.stack(table[name].to_numpy(zero_copy_only=False)) for name in ("amplitudes", "phases", "periods")]
-    value = fremen.predict(t, table["mean"].to_numpy(), *parts).reshape(-1, orientations)
+    parts = [column(table, name).reshape(table.num_rows, -1) for name in ("amplitudes", "phases", "periods")]
+    value = fremen.predict(t, column(table, "mean"), *parts).reshape(-1, orientations)
     total = value.sum(axis=1, keepdims=True)
     return pa.table(
         {
-            "x": table["x"].to_numpy()[::orientations],
-            "y": table["y"].to_numpy()[::orientations],
+            "x": column(table, "x")[::orientations],
+            "y": column(table, "y")[::orientations],
             "probabilities": _lists(np.divide(value, total, out=np.zeros_like(value), where=total > 0)),
         }
     ).replace_schema_metadata(table.schema.metadata)
@@ -102,8 +102,8 @@ class StefMap:
     def __init__(self, table, sampling_radius=1.0):
         self.radius = float(sampling_radius)
         self.resolution = float(table.schema.metadata[b"resolution"])
-        self.x, self.y = table["x"].to_numpy(), table["y"].to_numpy()
-        self.probabilities = np.stack(table["probabilities"].to_numpy(zero_copy_only=False))
+        self.x, self.y = column(table, "x"), column(table, "y")
+        self.probabilities = column(table, "probabilities").reshape(table.num_rows, -1)
         self.origin = np.array([self.x.min(), self.y.min()])
         node = np.rint((np.column_stack([self.x, self.y]) - self.origin) / self.resolution).astype(np.int64)
         self.index = lattice_index(*node.T, (0, 0), node.max(0) + 1)
@@ -133,7 +133,7 @@ class StefMap:
         return np.array(speed), new_heading, log_fitness, found
 
 
-@njit(cache=True)
+@kernel
 def _sample(x, y, uniforms, index, origin, resolution, radius, cell_x, cell_y, probabilities):
     n, orientations = len(x), probabilities.shape[1]
     heading, log_fitness, found = np.zeros(n), np.zeros(n), np.zeros(n, np.bool_)

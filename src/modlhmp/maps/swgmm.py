@@ -6,7 +6,8 @@ A component is six numbers: weight, mean heading, mean speed, var(heading), cov(
 """
 
 import numpy as np
-from numba import njit
+
+from modlhmp.kernels import kernel
 
 WINDINGS = 1  # k = -1, 0, 1
 MIN_EIGENVALUE = 1e-4  # floor of a covariance's eigenvalues
@@ -42,7 +43,7 @@ def fit(heading, speed, components):
         components[:, 0] /= components[:, 0].sum()
 
 
-@njit(cache=True)
+@kernel
 def floor_covariance(vtt, vtr, vrr):
     """Raise the eigenvalues of [[vtt, vtr], [vtr, vrr]] to at least `MIN_EIGENVALUE`."""
     half, d = 0.5 * (vtt + vrr), 0.5 * (vtt - vrr)
@@ -59,7 +60,7 @@ def floor_covariance(vtt, vtr, vrr):
     return centre + scale * d, scale * vtr, centre - scale * d
 
 
-@njit(cache=True)
+@kernel
 def moments(heading, speed):
     """Circular-linear mean and covariance of observations: [mean heading, mean speed, vtt, vtr, vrr]."""
     mean_heading = np.arctan2(np.sin(heading).mean(), np.cos(heading).mean())
@@ -71,7 +72,7 @@ def moments(heading, speed):
     return np.array([mean_heading, speed.mean(), vtt, vtr, vrr])
 
 
-@njit(cache=True)
+@kernel
 def precompute(components):
     """[J, 6] components to [J, 6] terms: log weight - log(2 pi sqrt(det)), means, inverse covariance."""
     terms = np.empty_like(components)
@@ -84,33 +85,34 @@ def precompute(components):
     return terms
 
 
-@njit(cache=True)
+@kernel(inline="always")
 def log_density_one(heading, speed, terms, first, last):
     """Log mixture density of one velocity under the components `first` to `last` - 1 of `terms`."""
-    peak = -np.inf
+    peak, total = -np.inf, 0.0  # the sum is total * exp(peak)
     for j in range(first, last):
         for k in range(-WINDINGS, WINDINGS + 1):
-            peak = max(peak, _exponent(heading + TWO_PI * k, speed, terms, j))
-    total = 0.0
-    for j in range(first, last):
-        for k in range(-WINDINGS, WINDINGS + 1):
-            total += np.exp(_exponent(heading + TWO_PI * k, speed, terms, j) - peak)
+            exponent = _exponent(heading + TWO_PI * k, speed, terms, j)
+            if exponent > peak:
+                total = total * np.exp(peak - exponent) + 1.0
+                peak = exponent
+            elif exponent > peak - 40.0:  # less is below the last bit of the sum
+                total += np.exp(exponent - peak)
     return peak + np.log(total)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _exponent(heading, speed, terms, j):
     dt, dr = heading - terms[j, 1], speed - terms[j, 2]
     return terms[j, 0] - 0.5 * (terms[j, 3] * dt * dt + 2.0 * terms[j, 4] * dt * dr + terms[j, 5] * dr * dr)
 
 
-@njit(cache=True)
+@kernel
 def _log_density_many(heading, speed, terms, out):
     for i in range(len(heading)):
         out[i] = log_density_one(heading[i], speed[i], terms, 0, len(terms))
 
 
-@njit(cache=True)
+@kernel
 def _em(heading, speed, components, max_iterations, tolerance):
     """EM in place; the sufficient statistics of each component are gathered in one pass over the data.
 
@@ -147,7 +149,7 @@ def _em(heading, speed, components, max_iterations, tolerance):
     return log_likelihood
 
 
-@njit(cache=True)
+@kernel
 def _responsibilities(heading, speed, terms, windings, share):
     """E-step of a block: fill `share` [J, windings, n] with r_jk of every observation; returns its log-likelihood."""
     n = len(heading)
@@ -181,7 +183,7 @@ def _responsibilities(heading, speed, terms, windings, share):
     return log_likelihood
 
 
-@njit(cache=True, fastmath={"reassoc"})
+@kernel(fastmath={"reassoc"})
 def _add_statistics(heading, speed, terms, windings, share, statistics):
     """Add a block's sums of r, r dt, r dr, r dt^2, r dt dr, r dr^2 about the present means, so that nothing cancels."""
     for j in range(len(terms)):
@@ -199,13 +201,13 @@ def _add_statistics(heading, speed, terms, windings, share, statistics):
             statistics[j] += np.array([s0, s1, s2, s3, s4, s5])
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def unwrapped(difference, k):
     """A difference of angles brought to [-pi, pi], and k turns on."""
     return difference - TWO_PI * (np.rint(difference / TWO_PI) - k)
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def exp_of_negative(x):
     """exp(x) of x <= 0 to 1e-12 of 1, as (e^(x / 1024))^1024: sums and products only, so that loops of it vectorise."""
     y = max(x, -40.0) / 1024.0

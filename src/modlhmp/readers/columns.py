@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
-from numba import njit
 
+from modlhmp.kernels import kernel
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
 
@@ -79,7 +79,7 @@ def parse(form, block):
                     include_columns=[str(position) for position in form.positions],
                 ),
             )
-            values = [column.to_numpy() for column in table.columns]  # null becomes NaN
+            values = [np.from_dlpack(part.fill_null(np.nan).combine_chunks()) for part in table.columns]
         except pa.ArrowInvalid:  # made of a number's characters, but not a number, such as 1-2
             regular[:] = False
     return Parsed(values, ends, regular)
@@ -207,7 +207,7 @@ def _byte_kinds(separator):
     return kinds
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _scan(data, kinds, wanted):
     """Ends of all lines, and whether each is regular: the right number of columns, plain numbers in the wanted ones.
 

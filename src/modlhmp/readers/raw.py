@@ -7,6 +7,9 @@ import zipfile
 import zlib
 from pathlib import Path
 
+from tqdm.utils import CallbackIOWrapper
+
+from modlhmp.logs import progress
 from modlhmp.storage import DataError
 
 COMPRESSED = (".gz", ".bz2", ".zip")
@@ -36,13 +39,16 @@ def open_raw(path):
     file, member = archive_and_member(path)
     try:
         with contextlib.ExitStack() as stack:
+            raw = stack.enter_context(open(file, "rb"))
+            bar = stack.enter_context(progress(total=file.stat().st_size, desc=file.name, unit="B", unit_scale=True))
+            counted = CallbackIOWrapper(bar.update, raw)
             if file.suffix == ".zip":
-                archive = stack.enter_context(zipfile.ZipFile(file))
+                archive = stack.enter_context(zipfile.ZipFile(counted))
                 yield stack.enter_context(archive.open(member or _only_member(file, archive)))
             elif file.suffix in {".gz", ".bz2"}:
-                yield stack.enter_context({".gz": gzip, ".bz2": bz2}[file.suffix].open(file))
+                yield stack.enter_context({".gz": gzip, ".bz2": bz2}[file.suffix].open(counted))
             else:
-                yield stack.enter_context(open(file, "rb"))
+                yield counted
     except FileNotFoundError:
         raise DataError(f"{file}: no such file; put the recording there or correct `data_root`") from None
     except KeyError:

@@ -5,7 +5,7 @@ import pandas as pd
 
 from modlhmp.scoring.summary import nan_mean
 from modlhmp.scoring.uncertainty import MEASURES
-from modlhmp.storage import read_metadata, read_parquet
+from modlhmp.storage import column, read_metadata, read_parquet
 
 BINS = 10
 COLUMNS = (
@@ -23,10 +23,7 @@ def read_uncertainty(path):
     horizons = read_metadata(path)["horizons_s"]
     rows = table.select(["recording", "track_id"]).to_pandas()
     track = rows.groupby(["recording", "track_id"], observed=True).ngroup().to_numpy()
-    values = {
-        name: table[name].combine_chunks().flatten().to_numpy().reshape(-1, len(horizons)).astype(np.float64)
-        for name in MEASURES
-    }
+    values = {name: column(table, name).reshape(-1, len(horizons)).astype(np.float64) for name in MEASURES}
     values["brier"] = (values["left"] - values["has_left"]) ** 2
     number = np.bincount(track)[:, None]
     means = {}
@@ -44,8 +41,8 @@ def summarise(dataset, method, horizons_s, by_track):
     having left is known of all `n_left`. `brier_base` is the score of who always says the share that has left.
     """
     rows = []
-    for column, horizon in enumerate(horizons_s):
-        at = {name: one[:, column] for name, one in by_track.items()}
+    for place, horizon in enumerate(horizons_s):
+        at = {name: one[:, place] for name, one in by_track.items()}
         mean = {name: float(nan_mean(one, axis=0)) for name, one in at.items()}
         share = mean["has_left"]
         rows.append((

@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
-from scipy import stats
 
 from modlhmp.forecasting import forecast_recording
 from modlhmp.forecasting.base import stream_keys
@@ -21,7 +20,7 @@ from modlhmp.forecasting.observe import Observed, current_velocity, observe
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.maps import KINDS, load_map
 from modlhmp.maps.base import HourlyMod
-from modlhmp.storage import DataError, read_parquet
+from modlhmp.storage import DataError, column, read_parquet
 from modlhmp.tracks import read_tracks, together, usable_tracks
 
 REPETITIONS = 5
@@ -74,7 +73,7 @@ def measure(task):
         "growth": growth,
         "exponents": {name: exponent([row[0] for row in rows], [row[1] for row in rows])
                       for name, rows in growth.items()},
-        "machine": _machine(),
+        "machine": machine(),
     }  # fmt: skip
 
 
@@ -105,6 +104,8 @@ def exponent(sizes, seconds):
     """Exponent of growth: log-log slope and its 95 % interval, [slope, low, high]; NaN for fewer than 3 sizes."""
     if len(sizes) < 3:
         return [float("nan")] * 3
+    from scipy import stats  # noqa: PLC0415 - 40 MB, which forecasting does not need
+
     fit = stats.linregress(np.log(sizes), np.log(seconds))
     reach = stats.t.ppf(0.975, len(sizes) - 2) * fit.stderr
     return [float(fit.slope), float(fit.slope - reach), float(fit.slope + reach)]
@@ -112,11 +113,12 @@ def exponent(sizes, seconds):
 
 def copied(table, copies):
     """A CLiFF-map table with `copies` of its locations, the others so far away that nobody reaches them."""
-    x = table["x"].to_numpy()
+    x = column(table, "x")
     parts = []
     for number in range(copies):
         shift = number * (np.ceil(np.ptp(x)) + APART_M)
-        location = table["location"].to_numpy() + number * (table["location"].to_numpy().max() + 1)
+        location = column(table, "location")
+        location = location + number * (location.max() + 1)
         moved = table.set_column(table.schema.get_field_index("x"), "x", pa.array(x + shift))
         parts.append(moved.set_column(moved.schema.get_field_index("location"), "location", pa.array(location)))
     return pa.concat_tables(parts)
@@ -133,7 +135,7 @@ def _with_copies(task, copies, forecast, observed, reference):
         mod = HourlyMod({int(stem): one for stem, one in mods.items()}, task["dataset"]["timezone"])
     if not np.array_equal(forecast(observed, mod=mod).xy, reference.xy):
         raise RuntimeError("a map with locations out of reach gave other forecasts")
-    locations = np.mean([len(np.unique(table["location"].to_numpy())) for table in tables.values()])
+    locations = np.mean([len(np.unique(column(table, "location"))) for table in tables.values()])
     return [float(locations), _times(lambda: forecast(observed, mod=mod))[0]]
 
 
@@ -185,7 +187,7 @@ def _peak_mb():
     return int(kibibytes) * 1024 / 1e6
 
 
-def _machine():
+def machine():
     """Public features of the machine."""
     models = [line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
               if line.startswith("model name")]  # fmt: skip

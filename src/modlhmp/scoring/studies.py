@@ -80,7 +80,6 @@ def _errors(method, forecaster, recordings, dataset, seeds):
     for name, tracks in recordings.items():
         names = (dataset["name"], method["name"], name)
         drawn = seeds_of(method["kind"], seeds)
-        tables.append(
-            score_recording(tracks, forecast_recording(tracks, forecaster, dataset, names, k, drawn), name, dataset)
-        )
+        forecasts = forecast_recording(tracks, forecaster, dataset, names, k, drawn, keep=1)
+        tables.append(score_recording(tracks, forecasts, name, dataset))
     return pa.concat_tables(tables).unify_dictionaries()

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from modlhmp.storage import read_parquet
+from modlhmp.storage import column, read_parquet
 
 COLUMNS = (
     "dataset", "method", "output", "protocol", "horizon_s", "ade_m", "fde_m",
@@ -42,7 +42,7 @@ def read_errors(path):
     table = read_parquet(path)
     metrics = [name for name in METRICS if name in table.column_names]
     steps = table.schema.field("ade").type.list_size
-    values = {name: table[name].combine_chunks().flatten().to_numpy().reshape(-1, steps) for name in metrics}
+    values = {name: column(table, name).reshape(-1, steps) for name in metrics}
     rows = table.drop_columns(metrics).to_pandas()
     found = {}
     for (output, protocol), group in rows.groupby(["output", "protocol"], observed=True):

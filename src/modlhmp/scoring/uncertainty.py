@@ -6,10 +6,10 @@ samples: C. Ferro, Q. J. R. Meteorol. Soc. 140, 2014.
 
 import numpy as np
 import pyarrow as pa
-from numba import njit
 
-from modlhmp.forecasting import forecast_recording
+from modlhmp.forecasting import TRACKS_AT_ONCE, forecast_recording
 from modlhmp.forecasting.ranking import most_likely
+from modlhmp.kernels import kernel
 from modlhmp.scoring.errors import displacement_errors, ground_truth
 from modlhmp.scoring.protocols import longest_lived
 from modlhmp.scoring.summary import nan_mean
@@ -17,7 +17,6 @@ from modlhmp.tracks import runs, usable_tracks
 
 SAMPLES = 40  # of a distribution, so that every method is judged by as many
 BEST_OF = 5
-TRACKS_AT_ONCE = 250  # whose futures are in memory together
 MEASURES = ("energy_m", "best_ade_m", "best_fde_m", "expected_m", "real_m", "samples", "left", "has_left")
 
 
@@ -110,7 +109,7 @@ def still_there(xy, steps_alive, repeated, step, most=SAMPLES):
     return points
 
 
-@njit(cache=True)
+@kernel
 def repeats(xy, steps_alive):
     """Which samples are an earlier one again, the whole way, bool [n, m]."""
     n, m, _, _ = xy.shape
@@ -124,7 +123,7 @@ def repeats(xy, steps_alive):
     return repeated
 
 
-@njit(cache=True)
+@kernel
 def _same(path, other):
     for step in range(len(path) - 1, -1, -1):  # from the end, where two paths are likeliest to differ
         if path[step, 0] != other[step, 0] or path[step, 1] != other[step, 1]:

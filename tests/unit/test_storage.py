@@ -1,0 +1,60 @@
+"""Tables on disk: what is packed comes back to the bit, and small."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from modlhmp.storage import column, packing, read_parquet, write_parquet
+
+
+def table(n=5000, seed=0):
+    """Columns of every kind that the project writes."""
+    rng = np.random.default_rng(seed)
+    lists = rng.normal(0, 10, (n, 4))
+    return pa.table(
+        {
+            "id": np.arange(n) // 7 + 2**40,
+            "small": rng.integers(-(2**31), 2**31 - 1, n, dtype=np.int32),
+            "single": np.append(rng.normal(0, 1, n - 2), [np.nan, -np.inf]).astype(np.float32),
+            "double": rng.normal(0, 1, n),
+            "path": pa.FixedSizeListArray.from_arrays(lists.astype(np.float32).ravel(), 4),
+            "doubles": pa.FixedSizeListArray.from_arrays(lists.ravel(), 4),
+            "name": pa.array(rng.choice(["a", "b"], n)).dictionary_encode(),
+        }
+    )
+
+
+def test_every_kind_of_column_comes_back_to_the_bit(tmp_path):
+    written = table()
+    write_parquet(written, tmp_path / "t.parquet", seed=1)
+    got = read_parquet(tmp_path / "t.parquet")
+    assert got.schema.equals(written.schema)
+    for name in written.column_names:
+        one, other = (t[name].combine_chunks() for t in (got, written))
+        if name == "single":
+            assert column(got, name).tobytes() == column(written, name).tobytes()
+        else:
+            assert one.equals(other)
+
+
+@pytest.mark.parametrize("name", ["id", "small", "single", "double", "path", "doubles"])
+def test_columns_are_arrays_of_their_type(name):
+    of = table()
+    values = of[name].to_numpy(zero_copy_only=False)
+    expected = np.concatenate(values) if name in {"path", "doubles"} else values
+    got = column(of, name)
+    assert got.dtype == expected.dtype
+    np.testing.assert_array_equal(got, expected)
+    in_pieces = pa.concat_tables([of.slice(0, 17), of.slice(17)])
+    np.testing.assert_array_equal(column(in_pieces, name), expected)
+
+
+def test_paths_take_less_than_plain_zstd(tmp_path):
+    """Bytes of the same place of neighbouring positions are alike."""
+    rng = np.random.default_rng(1)
+    xy = np.cumsum(rng.normal(0, 0.5, (2000, 60)), axis=1).astype(np.float32)
+    paths = pa.table({"xy": pa.FixedSizeListArray.from_arrays(xy.ravel(), 60)})
+    write_parquet(paths, tmp_path / "packed.parquet")
+    pa.parquet.write_table(paths, tmp_path / "plain.parquet", compression="zstd")
+    assert (tmp_path / "packed.parquet").stat().st_size < 0.9 * (tmp_path / "plain.parquet").stat().st_size
+    assert packing(paths.schema)["use_dictionary"] == []
