@@ -9,7 +9,7 @@ export NUMBA_CACHE_DIR ?= $(CURDIR)/.cache/numba
 export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
 export PYTHONHASHSEED ?= 0
 
-.PHONY: help environment reproduce test test-full lint lock bench clean
+.PHONY: help environment reproduce test test-full lint lock bench paper-size clean
 
 help:                     ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -48,6 +48,9 @@ lint: environment         ## ruff, snakefmt, snakemake --lint
 
 bench: environment        ## speed and memory, as ratios in one run -> results/bench.json
 	$(BIN)/python benchmarks/run.py
+
+paper-size: environment   ## the workflow at the paper's volume, and its growth -> results/paper-size.*
+	$(BIN)/python benchmarks/paper_size.py --cores $(CORES)
 
 # uv resolves everything but torch (its plain wheel draws 20 GPU packages); the CPU wheel is appended by hash.
 TORCH := torch==2.13.0 ; sys_platform == "linux" and platform_machine == "x86_64" and python_version == "3.11"
