@@ -15,7 +15,7 @@ from modlhmp.maps.mean_shift import BANDWIDTHS
 from modlhmp.tracks import clock_hours, read_tracks
 
 
-def held_out(tracks, validation, rule):
+def held_out(tracks, validation, rule="isotropic"):
     """Sum of log densities, number of scored observations, components and locations of a map."""
     table = cliff.build(tracks.take(~validation), bandwidth=rule)
     mod = cliff.CliffMap(table)
@@ -28,12 +28,17 @@ def held_out(tracks, validation, rule):
     return np.array([total, (location >= 0).sum(), table.num_rows, len(mod.x)])
 
 
+def validation_rows(tracks):
+    """Rows of 15 % of the persons."""
+    persons = np.unique(tracks.track_id)
+    chosen = np.random.default_rng(1).permutation(persons)[: len(persons) * 15 // 100]
+    return np.isin(tracks.track_id, chosen)
+
+
 def main(path, timezone):
     """Print one line an hour and rule, and the whole recording's."""
     tracks = read_tracks(path)
-    persons = np.unique(tracks.track_id)
-    chosen = np.random.default_rng(1).permutation(persons)[: len(persons) * 15 // 100]
-    validation = np.isin(tracks.track_id, chosen)
+    validation = validation_rows(tracks)
     hours = clock_hours(tracks.t, timezone)
     for rule in BANDWIDTHS:
         sums = np.zeros(4)
