@@ -94,8 +94,8 @@ def _move_on(point, path, at, rate, weights, metric):
     """Turn `point` into that of a particle at row `at` of a snippet's path; returns its speed and heading."""
     vx = vy = 0.0
     for m in range(len(weights)):
-        vx += rate * weights[m] * (path[at - m, 0] - path[at - m - 1, 0])
-        vy += rate * weights[m] * (path[at - m, 1] - path[at - m - 1, 1])
+        vx += rate * weights[m] * _step(path, at - m, 0)
+        vy += rate * weights[m] * _step(path, at - m, 1)
     speed, oldest = np.sqrt(vx * vx + vy * vy), at - len(weights) + 1
     point[0] += path[at, 0]
     point[1] += path[at, 1]
@@ -103,10 +103,14 @@ def _move_on(point, path, at, rate, weights, metric):
     point[3] = metric[0] * vy / max(speed, SLOW_M_S)
     point[4] = metric[1] * speed
     for axis in range(2):
-        newest_step = path[at, axis] - path[at - 1, axis]
-        oldest_step = path[oldest, axis] - path[oldest - 1, axis]
-        point[5 + axis] = metric[2] * rate * (newest_step - oldest_step)
+        point[5 + axis] = metric[2] * rate * (_step(path, at, axis) - _step(path, oldest, axis))
     return speed, np.arctan2(vy, vx)
+
+
+@njit(cache=True)
+def _step(path, at, axis):
+    """From the row before row `at` of a path [m, 2] to this; in a kernel, float() would leave it float32."""
+    return np.float64(path[at, axis]) - np.float64(path[at - 1, axis])
 
 
 @njit(cache=True)

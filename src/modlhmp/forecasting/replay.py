@@ -104,7 +104,7 @@ def between(path, row, axis):
     whole = int(row)
     part = row - whole
     if part == 0.0:
-        return path[whole, axis]
+        return np.float64(path[whole, axis])
     return (1.0 - part) * path[whole, axis] + part * path[whole + 1, axis]
 
 

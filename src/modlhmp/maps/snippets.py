@@ -56,8 +56,8 @@ class SnippetArrays(NamedTuple):
     """What kernels see of a snippet flow map.
 
     Per snippet, sorted by bin: `points` [m, 8] in the metric (float32), `speed` [m] in m/s, `steps` [m] walked and
-    whether the person `leaves` [m] then, `path` [m, past + 1 + L, 2] with the start as its row `past`, `minute` [m] of
-    the start.
+    whether the person `leaves` [m] then, `path` [m, past + 1 + L, 2] (float32) with the start as its row `past`,
+    `minute` [m] of the start.
     Per bin b: snippets `starts[b]` to `starts[b + 1]`, which stand for `count[b]`. `index` [cells in x, cells in y,
     HEADINGS + 1] is a cell's bins, -1 where empty; `origin` is its first cell, `cell` its size in m. `weights` [past]
     are those of the last steps, `metric` the numbers of the `Metric`.
@@ -95,14 +95,14 @@ class SnippetMap:
         kept = np.flatnonzero(np.arange(len(where)) - np.repeat(first, held) < most)
         x, y, minute, steps = (table[name].to_numpy()[kept] for name in ("x", "y", "minute", "steps"))
         width = table.schema.field("path").type.list_size // 2
-        path = table["path"].combine_chunks().flatten().to_numpy().reshape(-1, width, 2)[kept].astype(float)
+        path = table["path"].combine_chunks().flatten().to_numpy().reshape(-1, width, 2)[kept]
         length = min(max(round(length_s / self.step_s), 1), width - 1 - past)
-        before = np.diff(path[:, : past + 1], axis=1)[:, ::-1] / self.step_s
+        before = np.diff(path[:, : past + 1].astype(float), axis=1)[:, ::-1] / self.step_s
         minute, xy = minute.astype(np.int64), np.column_stack([x, y]).astype(float)
         points, speed = features(xy, before, weights, metric, clock_time(60.0 * minute, timezone))
         cells = where[first]
         origin, size = lattice_box(cells[:, :2])
-        index = np.full((*size, HEADINGS + 1), -1, np.int64)
+        index = np.full((*size, HEADINGS + 1), -1, np.int32)
         index[(*(cells[:, :2] - origin).T, cells[:, 2])] = np.arange(len(first))
         used = np.zeros(past)
         used[: len(weights)] = weights[:past]
