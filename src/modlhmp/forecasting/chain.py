@@ -18,9 +18,15 @@ from modlhmp.maps.pieces import HEADINGS, PARTS, SLOW_M_S, features, vector_mean
 from modlhmp.tracks import clock_time
 
 MOST_TRIES = 50  # of the rejection sampler, after which the most similar snippet tried is taken
-NEIGHBOURING = 1.5  # heading bins to the middle of a bin that is looked at: a bin's people differ, the metric decides
+# The heading bins looked at by one who heads into bin h are h and its neighbours: a bin's people differ, the metric
+# decides. The fourth is of those who hardly move; the last row is for one who hardly moves and looks at all.
+AROUND = np.array(
+    [[*sorted((h + turn) % HEADINGS for turn in (-1, 0, 1)), *[HEADINGS] * (HEADINGS - 2)] for h in range(HEADINGS)]
+    + [[*range(HEADINGS + 1)]]
+)
 STROLL_M_S = 0.9  # who walks faster does not go on as one who hardly moves
 RINGS = (1, 3)  # cells around a particle that are looked at: the second only if the first holds nothing
+MOST_BINS = (2 * RINGS[-1] + 1) ** 2 * (HEADINGS + 1)
 
 
 def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=0.0):
@@ -58,8 +64,7 @@ def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, kernel,
     n, k = keys.shape
     xy = np.empty((n, 1 + k, steps, 2), np.float32)
     alive = np.zeros((n, 1 + k), np.int32)
-    near = np.empty(HEADINGS + 1, np.int64)
-    bins, upto = np.empty(49 * len(near), np.int64), np.empty(49 * len(near))
+    bins, upto = np.empty(MOST_BINS, np.int64), np.empty(MOST_BINS)
     point = np.empty(PARTS)
     for i in range(n):
         for j in range(1, 1 + k):
@@ -67,7 +72,7 @@ def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, kernel,
             # When the present snippet began, in steps since t0; steps done; random numbers used.
             began, step, drawn = 0.0, 0, 0
             while step < steps:
-                number = _bins_around(index, origin, cell, count, point, speed, heading, near, bins, upto)
+                number = _bins_around(index, origin, cell, count, point, speed, heading, bins, upto)
                 row, drawn = _draw(
                     starts, count, starting, minute_of, bins, upto, number,
                     keys[i, j - 1], drawn, point, minutes[i], exclude, kernel,
@@ -160,42 +165,26 @@ def _place(upto, number, at):
 
 
 @njit(cache=True)
-def _bins_around(index, origin, cell, count, point, speed, heading, near, bins, upto):
+def _bins_around(index, origin, cell, count, point, speed, heading, bins, upto):
     """Fill `bins` around a particle and `upto`, how many pieces they and those before stand for; returns their number.
 
-    `near` is to hold the headings looked at; `index`, `origin`, `cell` and `count` are the map's.
+    A particle that hardly moves looks at all headings, one that walks at the bins around its own, and one that strolls
+    at those who hardly move as well. `index`, `origin`, `cell` and `count` are the map's.
     """
-    headings = _headings_around(speed, heading, near)
+    own = int(np.rint(heading * HEADINGS / (2 * np.pi))) % HEADINGS  # not from the point: there it may count nothing
+    looked_at = AROUND[HEADINGS if speed < SLOW_M_S else own]
+    headings = HEADINGS + 1 if speed < SLOW_M_S else 4 if speed < STROLL_M_S else 3
     ci, cj = int(np.floor(point[0] / cell)) - origin[0], int(np.floor(point[1] / cell)) - origin[1]
     number, total = 0, 0.0
     for ring in RINGS:
         for i in range(max(ci - ring, 0), min(ci + ring + 1, index.shape[0])):
             for j in range(max(cj - ring, 0), min(cj + ring + 1, index.shape[1])):
-                for h in near[:headings]:
-                    b = index[i, j, h]
+                for h in range(headings):
+                    b = index[i, j, looked_at[h]]
                     if b >= 0:
                         total += count[b]
                         bins[number], upto[number] = b, total
                         number += 1
         if number:
             break
-    return number
-
-
-@njit(cache=True)
-def _headings_around(speed, heading, near):
-    """Fill `near` with the heading bins that a particle looks at; returns their number.
-
-    One that hardly moves looks at all of them, one that walks at those around its own heading, and one that strolls at
-    those who hardly move as well.
-    """
-    angle, number = heading * HEADINGS / (2 * np.pi), 0  # not from the point: there a heading may count nothing
-    for h in range(HEADINGS):
-        turn = abs(h - angle)
-        if speed < SLOW_M_S or min(turn, abs(turn - HEADINGS)) <= NEIGHBOURING:
-            near[number] = h
-            number += 1
-    if speed < STROLL_M_S:
-        near[number] = HEADINGS
-        number += 1
     return number
