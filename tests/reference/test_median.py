@@ -20,8 +20,8 @@ STEPS = 8
 
 
 def median(points):
-    points = np.array(points, float)
-    return geometric_median(points, len(points))
+    x, y = np.array(points, float).T.copy()
+    return geometric_median(x, y, len(points))
 
 
 def mean_distance(at, points):
@@ -92,8 +92,8 @@ def test_closed_forms(points, expected):
 
 
 def test_points_beyond_the_count_do_not_count():
-    points = np.array([(1.0, 2.0), (3.0, 4.0), (99.0, 99.0), (np.nan, np.nan)])
-    assert geometric_median(points, 2) == geometric_median(points[:2], 2)
+    x, y = np.array([1.0, 3.0, 99.0, np.nan]), np.array([2.0, 4.0, 99.0, np.nan])
+    assert geometric_median(x, y, 2) == geometric_median(x[:2], y[:2], 2)
 
 
 @FEW

@@ -10,17 +10,23 @@ import numpy as np
 
 from modlhmp.forecasting.base import Forecast, uniform
 from modlhmp.forecasting.cvm import constant_velocity
-from modlhmp.forecasting.median import with_median
+from modlhmp.forecasting.median import fill_medians
 from modlhmp.forecasting.observe import observed_steps, polar
 from modlhmp.forecasting.replay import between, hold, paced
 from modlhmp.kernels import kernel
-from modlhmp.maps.pieces import HEADINGS, SLOW_M_S, features, vector_mean
+from modlhmp.maps.pieces import HEADINGS, PARTS, SLOW_M_S, features, vector_mean
 from modlhmp.tracks import clock_time
 
 MOST_TRIES = 50  # of the rejection sampler, after which the most similar snippet tried is taken
-NEIGHBOURING = 1.5  # heading bins to the middle of a bin that is looked at: a bin's people differ, the metric decides
+# The heading bins looked at by one who heads into bin h are h and its neighbours: a bin's people differ, the metric
+# decides. The fourth is of those who hardly move; the last row is for one who hardly moves and looks at all.
+AROUND = np.array(
+    [[*sorted((h + turn) % HEADINGS for turn in (-1, 0, 1)), *[HEADINGS] * (HEADINGS - 2)] for h in range(HEADINGS)]
+    + [[*range(HEADINGS + 1)]]
+)
 STROLL_M_S = 0.9  # who walks faster does not go on as one who hardly moves
 RINGS = (1, 3)  # cells around a particle that are looked at: the second only if the first holds nothing
+MOST_BINS = (2 * RINGS[-1] + 1) ** 2 * (HEADINGS + 1)
 
 
 def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=0.0):
@@ -37,54 +43,64 @@ def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=
     velocity = polar(vector_mean(velocities, mod.weights))
     walkers = (points, speed, velocity[1], t0 / 60.0)
     xy, alive = _chain(mod.arrays, keys, *walkers, exclude_s / 60.0, steps, kernel_m, pace, exits)
-    forecast = with_median(Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median"))
-    nowhere = forecast.steps_alive[:, 0] == 0
+    fill_medians(xy, alive)
+    nowhere = alive[:, 0] == 0
     straight = constant_velocity(observed, velocity, steps, mod.step_s)
-    forecast.xy[nowhere] = straight.xy[nowhere]
-    return forecast
+    xy[nowhere] = straight.xy[nowhere]
+    return Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median")
 
 
 @kernel
-def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, kernel, pace, exits):
-    """Futures [n, k, T, 2] and how many steps each is alive [n, k]; `mod` are the map's `SnippetArrays`."""
+def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, kernel_m, pace, exits):
+    """Futures [n, 1 + k, T, 2] and how many steps each is alive [n, 1 + k], with room for the median as the first.
+
+    `mod` are the map's `SnippetArrays`.
+    """
+    # Single arrays from here on: handing the whole tuple to a function costs as much as that function does.
+    (
+        index, origin, cell, starts, count, starting, speed_of, ends, leaves, minute_of, path, past, step_s, weights,
+        metric,
+    ) = mod  # fmt: skip
     n, k = keys.shape
-    xy = np.empty((n, k, steps, 2), np.float32)
-    alive = np.zeros((n, k), np.int32)
-    bins, upto = np.empty(49 * (HEADINGS + 1), np.int64), np.empty(49 * (HEADINGS + 1))
-    point = np.empty(points.shape[1])
+    xy = np.empty((n, 1 + k, steps, 2), np.float32)
+    alive = np.zeros((n, 1 + k), np.int32)
+    bins, upto = np.empty(MOST_BINS, np.int64), np.empty(MOST_BINS)
+    point = np.empty(PARTS)
     for i in range(n):
-        for j in range(k):
+        for j in range(1, 1 + k):
             point[:], speed, heading = points[i], speeds[i], headings[i]
             # When the present snippet began, in steps since t0; steps done; random numbers used.
             began, step, drawn = 0.0, 0, 0
             while step < steps:
+                number = _bins_around(index, origin, cell, count, point, speed, heading, bins, upto)
                 row, drawn = _draw(
-                    mod, keys[i, j], drawn, point, speed, heading, minutes[i], exclude, kernel, bins, upto
-                )
+                    starts, count, starting, minute_of, bins, upto, number,
+                    keys[i, j - 1], drawn, point, minutes[i], exclude, kernel_m,
+                )  # fmt: skip
                 if row < 0:
                     break
-                rate, end = paced(speed, mod.speed[row], pace), mod.steps[row]
+                rate, end = paced(speed, speed_of[row], pace), ends[row]
                 while step < steps and (step + 1 - began) * rate <= end:
-                    at = mod.past + (step + 1 - began) * rate
+                    at = past + (step + 1 - began) * rate
                     for axis in range(2):
-                        xy[i, j, step, axis] = point[axis] + between(mod.path[row], at, axis)
+                        xy[i, j, step, axis] = point[axis] + between(path[row], at, axis)
                     step += 1
-                if mod.leaves[row] and exits:
+                if leaves[row] and exits:
                     break
                 began += end / rate
-                speed, heading = _move_on(mod, point, mod.path[row], mod.past + end, rate / mod.step_s)
+                speed, heading = _move_on(point, path[row], past + end, rate / step_s, weights, metric)
             alive[i, j] = step
             hold(xy[i, j], step, points[i, :2])
     return xy, alive
 
 
 @kernel
-def _move_on(mod, point, path, at, rate):
+def _move_on(point, path, at, rate, weights, metric):
     """Turn `point` into that of a particle at row `at` of a snippet's path; returns its speed and heading."""
-    weights, metric, vx, vy = mod.weights, mod.metric, 0.0, 0.0
+    vx = vy = 0.0
     for m in range(len(weights)):
-        vx += rate * weights[m] * (path[at - m, 0] - path[at - m - 1, 0])
-        vy += rate * weights[m] * (path[at - m, 1] - path[at - m - 1, 1])
+        vx += rate * weights[m] * _step(path, at - m, 0)
+        vy += rate * weights[m] * _step(path, at - m, 1)
     speed, oldest = np.sqrt(vx * vx + vy * vy), at - len(weights) + 1
     point[0] += path[at, 0]
     point[1] += path[at, 1]
@@ -92,55 +108,81 @@ def _move_on(mod, point, path, at, rate):
     point[3] = metric[0] * vy / max(speed, SLOW_M_S)
     point[4] = metric[1] * speed
     for axis in range(2):
-        newest_step = path[at, axis] - path[at - 1, axis]
-        oldest_step = path[oldest, axis] - path[oldest - 1, axis]
-        point[5 + axis] = metric[2] * rate * (newest_step - oldest_step)
+        point[5 + axis] = metric[2] * rate * (_step(path, at, axis) - _step(path, oldest, axis))
     return speed, np.arctan2(vy, vx)
 
 
 @kernel
-def _draw(mod, key, drawn, point, speed, heading, minute, exclude, kernel, bins, upto):
-    """A snippet for a particle, -1 if there is none around, and the number of random numbers used so far."""
-    number = _bins_around(mod, point, speed, heading, bins, upto)
-    best, nearest, tries = -1, np.inf, MOST_TRIES if number else 0
-    for _ in range(tries):
-        at, accept = uniform(key, drawn) * upto[number - 1], uniform(key, drawn + 1)
-        drawn += 2
-        place = np.searchsorted(upto[:number], at, side="right")
-        b = bins[place]
-        size = mod.starts[b + 1] - mod.starts[b]
-        row = mod.starts[b] + min(int((upto[place] - at) / mod.count[b] * size), size - 1)
-        if exclude > 0.0 and -exclude - 1.0 < mod.minute[row] - minute <= exclude:
-            continue
-        d2 = 0.0
-        for part in range(len(point)):
-            d2 += (point[part] - mod.points[row, part]) ** 2
-        if accept < np.exp(-0.5 * d2 / kernel**2):
-            return row, drawn
-        if d2 < nearest:
-            best, nearest = row, d2
-    return best, drawn
+def _step(path, at, axis):
+    """From the row before row `at` of a path [m, 2] to this; in a kernel, float() would leave it float32."""
+    return np.float64(path[at, axis]) - np.float64(path[at - 1, axis])
 
 
 @kernel
-def _bins_around(mod, point, speed, heading, bins, upto):
+def _draw(starts, count, points, minutes, bins, upto, number, key, drawn, point, minute, exclude, kernel_m):
+    """A snippet for a particle, -1 if there is none around, and the number of random numbers used so far.
+
+    It is of the `number` first `bins`; `starts` [b + 1], `count` [b], `points` [m, 8] and `minutes` [m] are the map's.
+    """
+    best, nearest, narrow = -1, np.inf, 0.5 / kernel_m**2
+    for _ in range(MOST_TRIES if number else 0):
+        at, accept = uniform(key, drawn) * upto[number - 1], uniform(key, drawn + 1)
+        drawn += 2
+        place = _place(upto, number, at)
+        b = bins[place]
+        size = starts[b + 1] - starts[b]
+        row = starts[b] + min(int((upto[place] - at) / count[b] * size), size - 1)
+        if exclude > 0.0 and -exclude - 1.0 < minutes[row] - minute <= exclude:
+            continue
+        d2 = _unlike(point, points, row)
+        x = d2 * narrow
+        # 1 + x + x^2 / 2 < exp(x): most are rejected without an exponential.
+        if accept * (1.0 + x * (1.0 + 0.5 * x)) < 1.0 and accept < np.exp(-x):
+            return row, drawn
+        best, nearest = row if d2 < nearest else best, min(d2, nearest)
+    return best, drawn
+
+
+@kernel(fastmath={"reassoc", "contract"})
+def _unlike(point, points, row):
+    """Squared distance of a point [8] from a row of `points` [m, 8]."""
+    d2 = 0.0
+    for part in range(PARTS):
+        d2 += (point[part] - points[row, part]) ** 2
+    return d2
+
+
+@kernel
+def _place(upto, number, at):
+    """How many of the first `number` of the rising `upto`, but for the last, are at most `at`.
+
+    They are few: comparing with all, several at once, takes less time than the branches of a binary search.
+    """
+    place = 0
+    for other in range(number - 1):
+        place += upto[other] <= at
+    return place
+
+
+@kernel
+def _bins_around(index, origin, cell, count, point, speed, heading, bins, upto):
     """Fill `bins` around a particle and `upto`, how many pieces they and those before stand for; returns their number.
 
     A particle that hardly moves looks at all headings, one that walks at the bins around its own, and one that strolls
-    at those who hardly move as well.
+    at those who hardly move as well. `index`, `origin`, `cell` and `count` are the map's.
     """
-    angle = heading * HEADINGS / (2 * np.pi)  # not from the point: there a heading may count nothing
-    ci, cj = int(np.floor(point[0] / mod.cell)) - mod.origin[0], int(np.floor(point[1] / mod.cell)) - mod.origin[1]
+    own = int(np.rint(heading * HEADINGS / (2 * np.pi))) % HEADINGS  # not from the point: there it may count nothing
+    looked_at = AROUND[HEADINGS if speed < SLOW_M_S else own]
+    headings = HEADINGS + 1 if speed < SLOW_M_S else 4 if speed < STROLL_M_S else 3
+    ci, cj = int(np.floor(point[0] / cell)) - origin[0], int(np.floor(point[1] / cell)) - origin[1]
     number, total = 0, 0.0
     for ring in RINGS:
-        for i in range(max(ci - ring, 0), min(ci + ring + 1, mod.index.shape[0])):
-            for j in range(max(cj - ring, 0), min(cj + ring + 1, mod.index.shape[1])):
-                for h in range(HEADINGS + 1):
-                    turn = abs((h - angle + HEADINGS / 2) % HEADINGS - HEADINGS / 2)
-                    near = speed < SLOW_M_S or turn <= NEIGHBOURING if h < HEADINGS else speed < STROLL_M_S
-                    b = mod.index[i, j, h] if near else -1
+        for i in range(max(ci - ring, 0), min(ci + ring + 1, index.shape[0])):
+            for j in range(max(cj - ring, 0), min(cj + ring + 1, index.shape[1])):
+                for h in range(headings):
+                    b = index[i, j, looked_at[h]]
                     if b >= 0:
-                        total += mod.count[b]
+                        total += count[b]
                         bins[number], upto[number] = b, total
                         number += 1
         if number:

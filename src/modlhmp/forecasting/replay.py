@@ -49,7 +49,7 @@ def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, 
     """Fill `xy` [n, 1 + samples, T, 2] and `alive` [n, 1 + samples] of the walkers who have somebody to follow."""
     n, samples, steps = len(rows), xy.shape[1] - 1, xy.shape[2]
     followed, factor = np.empty(rows.shape[1], np.int64), np.empty(rows.shape[1])
-    points = np.empty((k, 2))
+    x, y, point = np.empty(k), np.empty(k), np.empty(2)
     for i in range(n):
         number = 0
         for j in range(rows.shape[1]):  # the nearest piece of every person
@@ -64,23 +64,24 @@ def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, 
         for j in range(samples):
             row, rate = followed[j % number], factor[j % number]
             for step in range(steps):
-                if not _at(path, row, last[row], (step + 1) * rate, here[i], points[0]):
+                if not _at(path, row, last[row], (step + 1) * rate, here[i], point):
                     hold(xy[i, 1 + j], step, here[i])
                     break
-                xy[i, 1 + j, step] = points[0]
+                xy[i, 1 + j, step] = point
                 alive[i, 1 + j] = step + 1
         for step in range(steps):
             count = 0
             for j in range(number):
                 row = followed[j]
-                if _at(path, row, last[row], (step + 1) * factor[j], here[i], points[count]):
+                if _at(path, row, last[row], (step + 1) * factor[j], here[i], point):
+                    x[count], y[count] = point
                     count += 1
                     if count == k:
                         break
             if not count:
                 hold(xy[i, 0], step, here[i])
                 break
-            xy[i, 0, step] = geometric_median(points, count)
+            xy[i, 0, step] = geometric_median(x, y, count)
             alive[i, 0] = step + 1
 
 
@@ -103,7 +104,7 @@ def between(path, row, axis):
     whole = int(row)
     part = row - whole
     if part == 0.0:
-        return path[whole, axis]
+        return np.float64(path[whole, axis])
     return (1.0 - part) * path[whole, axis] + part * path[whole + 1, axis]
 
 

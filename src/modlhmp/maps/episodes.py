@@ -6,10 +6,10 @@ It answers: who stood about here and walked about like this, and what did they d
 
 import numpy as np
 import pyarrow as pa
-from scipy.spatial import cKDTree
 
 from modlhmp.maps.base import read_map
 from modlhmp.maps.pieces import differences, features, resample
+from modlhmp.storage import column
 from modlhmp.tracks import clock_time
 
 COLUMNS = ("person", "t", "x", "y")
@@ -35,9 +35,11 @@ class EpisodeMap:
     """
 
     def __init__(self, table, metric, weights, past, step_s=1.0, timezone="UTC"):
+        from scipy.spatial import cKDTree  # noqa: PLC0415 - 25 MB and 0.15 s that other maps do not need
+
         self.metric, self.weights, self.past, self.timezone = metric, weights, past, timezone
-        person, self.t = (table[name].to_numpy() for name in ("person", "t"))
-        self.xy = np.column_stack([table[name].to_numpy().astype(float) for name in ("x", "y")])
+        person, self.t = (column(table, name) for name in ("person", "t"))
+        self.xy = np.column_stack([column(table, name).astype(float) for name in ("x", "y")])
         first = np.flatnonzero(np.diff(person, prepend=-1))
         count = np.diff(np.append(first, len(person)))
         self.person = person.astype(np.int64)

@@ -13,6 +13,7 @@ from modlhmp.tracks import positions_at, runs, usable_tracks
 
 HEADINGS = 8  # bins of 45 degrees, and one more for whoever hardly moves
 SLOW_M_S = 0.3  # below this speed a heading means little, at 0 nothing
+PARTS = 8  # numbers by which two ways of walking are compared
 
 
 class Pieces(NamedTuple):

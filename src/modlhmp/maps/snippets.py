@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from modlhmp.maps.base import lattice_box, read_map
 from modlhmp.maps.pieces import HEADINGS, cell_and_bin, features, resample
+from modlhmp.storage import column
 from modlhmp.tracks import clock_time
 
 COLUMNS = ("i", "j", "bin", "x", "y", "minute", "stands_for", "steps", "path")
@@ -56,8 +57,8 @@ class SnippetArrays(NamedTuple):
     """What kernels see of a snippet flow map.
 
     Per snippet, sorted by bin: `points` [m, 8] in the metric (float32), `speed` [m] in m/s, `steps` [m] walked and
-    whether the person `leaves` [m] then, `path` [m, past + 1 + L, 2] with the start as its row `past`, `minute` [m] of
-    the start.
+    whether the person `leaves` [m] then, `path` [m, past + 1 + L, 2] (float32) with the start as its row `past`,
+    `minute` [m] of the start.
     Per bin b: snippets `starts[b]` to `starts[b + 1]`, which stand for `count[b]`. `index` [cells in x, cells in y,
     HEADINGS + 1] is a cell's bins, -1 where empty; `origin` is its first cell, `cell` its size in m. `weights` [past]
     are those of the last steps, `metric` the numbers of the `Metric`.
@@ -87,28 +88,28 @@ class SnippetMap:
         meta = table.schema.metadata
         cell, past, self.step_s = float(meta[b"cell"]), int(meta[b"past"]), float(meta[b"step"])
         self.metric, self.weights, self.timezone = metric, weights, timezone
-        where = np.column_stack([table[name].to_numpy() for name in ("i", "j", "bin")]).astype(np.int64)
+        where = np.column_stack([column(table, name) for name in ("i", "j", "bin")]).astype(np.int64)
         new = np.ones(len(where), bool)
         new[1:] = (where[1:] != where[:-1]).any(axis=1)
         first = np.flatnonzero(new)
         held = np.diff(np.append(first, len(where)))
         kept = np.flatnonzero(np.arange(len(where)) - np.repeat(first, held) < most)
-        x, y, minute, steps = (table[name].to_numpy()[kept] for name in ("x", "y", "minute", "steps"))
+        x, y, minute, steps = (column(table, name)[kept] for name in ("x", "y", "minute", "steps"))
         width = table.schema.field("path").type.list_size // 2
-        path = table["path"].combine_chunks().flatten().to_numpy().reshape(-1, width, 2)[kept].astype(float)
+        path = column(table, "path").reshape(-1, width, 2)[kept]
         length = min(max(round(length_s / self.step_s), 1), width - 1 - past)
-        before = np.diff(path[:, : past + 1], axis=1)[:, ::-1] / self.step_s
+        before = np.diff(path[:, : past + 1].astype(float), axis=1)[:, ::-1] / self.step_s
         minute, xy = minute.astype(np.int64), np.column_stack([x, y]).astype(float)
         points, speed = features(xy, before, weights, metric, clock_time(60.0 * minute, timezone))
         cells = where[first]
         origin, size = lattice_box(cells[:, :2])
-        index = np.full((*size, HEADINGS + 1), -1, np.int64)
+        index = np.full((*size, HEADINGS + 1), -1, np.int32)
         index[(*(cells[:, :2] - origin).T, cells[:, 2])] = np.arange(len(first))
         used = np.zeros(past)
         used[: len(weights)] = weights[:past]
         self.arrays = SnippetArrays(
             index, origin, cell, np.append(0, np.cumsum(np.minimum(held, most))),
-            held * table["stands_for"].to_numpy()[first].astype(float), points.astype(np.float32), speed,
+            held * column(table, "stands_for")[first].astype(float), points.astype(np.float32), speed,
             np.minimum(steps, length).astype(np.int64), steps <= length, minute,
             np.ascontiguousarray(path[:, : past + 1 + length]), past, self.step_s, used / used.sum(), np.array(metric),
         )  # fmt: skip
