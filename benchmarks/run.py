@@ -7,7 +7,6 @@ is timed in the same run, on as little as it needs, and the last column says how
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -293,23 +292,22 @@ def read(path, reader):
 
 
 def read_alone(path, reader):
-    """Clean one raw file, after its first lines have loaded the kernels; print seconds, peak memory, size [MB]."""
+    """Clean one raw file, after a small one has loaded the kernels; print seconds, peak memory, size [MB]."""
     dataset = {"reader": reader, "timezone": "Asia/Tokyo", "time_step_s": 1.0, "frame_rate": 9.0, "scale": 0.0247}
     dataset["cleaning"] = ["single_row", "gap_over_5s"]
     recording, path = {"day": "2030-10-02", "start": None if reader == "atc" else "08:00"}, Path(path)
     with tempfile.TemporaryDirectory() as scratch:
+        head = path
         if reader == "atc":
             head = Path(scratch, "head.csv")
             with open(path, "rb") as file:
                 head.write_bytes(b"".join(file.readline() for _ in range(20_000)))
-            clean_recording(head, dataset, recording)
-        else:
-            clean_recording(path, dataset, recording)
-        start = time.perf_counter()
-        tracks, _ = clean_recording(path, dataset, recording)
-        write_tracks(tracks, Path(scratch, "tracks.parquet"))
-        taken = time.perf_counter() - start
-    print(taken, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, path.stat().st_size / 1e6)
+        for file in (head, path):
+            start = time.perf_counter()
+            tracks, _ = clean_recording(file, dataset, recording)
+            write_tracks(tracks, Path(scratch, "tracks.parquet"))
+            taken = time.perf_counter() - start
+    print(taken, runtime.peak_mb(), path.stat().st_size / 1e6)
 
 
 def scoring(test, dataset, folder, tracks=10_000):

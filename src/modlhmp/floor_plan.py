@@ -6,7 +6,6 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 from PIL import Image
-from scipy.ndimage import distance_transform_edt
 
 from modlhmp.storage import DataError
 
@@ -58,6 +57,8 @@ def occupied_depth(plan):
 
     What lies beyond the plan is not occupied.
     """
+    from scipy.ndimage import distance_transform_edt  # noqa: PLC0415 - 16 MB that only plans need
+
     inside = distance_transform_edt(np.pad(plan.cells == OCCUPIED, 1))[1:-1, 1:-1]
     return (np.maximum(inside - 0.5, 0.0) * plan.resolution).astype(np.float32)
 

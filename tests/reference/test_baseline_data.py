@@ -123,7 +123,9 @@ def test_a_forecast_sees_what_training_showed():
 
     def forecaster(observed, steps, keys):
         given.append(observed)
-        return Forecast(np.zeros((*keys.shape, steps, 2)), None, None, "single")
+        return Forecast(
+            np.zeros((*keys.shape, steps, 2)), np.zeros((*keys.shape, steps)), np.zeros(keys.shape), "single"
+        )
 
     dataset = {"observed_rows": 4, "horizon_s": 12.0, "time_step_s": 1.0}
     list(forecast_recording(own, forecaster, dataset, ("data", "method", "day"), 1, [0], [other]))

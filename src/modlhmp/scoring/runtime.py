@@ -35,7 +35,7 @@ def measure(task):
     `task`: `map` (file or folder), `kind`, `options` of the roll-out, `tracks` (files), `dataset` (its settings), at
     most `max_tracks` of whose tracks are used. Returns a dict: times in s, memory in MB (10^6 bytes), sizes in kB.
     """
-    at_start_mb = _peak_mb()
+    at_start_mb = peak_mb()
     dataset, options = task["dataset"], task["options"]
     mod = load_map(task["kind"], task["map"], dataset["timezone"], options["sampling_radius_m"])
     observed = _observed(task["tracks"], dataset, task["max_tracks"])
@@ -49,7 +49,7 @@ def measure(task):
 
     reference = forecast(observed)  # compiles or loads the kernels
     seconds = _times(lambda: forecast(observed))
-    memory_mb = _peak_mb()
+    memory_mb = peak_mb()
     n = len(observed.track_id)
     single = [_take(observed, [row]) for row in range(min(n, LATENCY_TRACKS))]
     forecast(single[0])
@@ -177,7 +177,7 @@ def _times(call):
     return [float(np.median(times)), min(times), max(times)]
 
 
-def _peak_mb():
+def peak_mb():
     """Largest resident memory of this process so far [MB].
 
     From /proc: `getrusage` would give the parent's, if that is larger, since it survives the exec.
