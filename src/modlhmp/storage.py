@@ -56,7 +56,7 @@ def column(table, name):
 def read_parquet(path, columns=None):
     """Read a table; a missing or damaged file is a `DataError` that says how to get it back."""
     try:
-        return pq.ParquetFile(path).read(columns)
+        return pq.ParquetFile(path).read(columns, use_threads=False)
     except (OSError, pa.ArrowInvalid) as error:
         raise DataError(f"{path}: cannot be read as Parquet ({error}); delete it and run the workflow again") from None
 

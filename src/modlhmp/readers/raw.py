@@ -13,7 +13,7 @@ from modlhmp.logs import progress
 from modlhmp.storage import DataError
 
 COMPRESSED = (".gz", ".bz2", ".zip")
-BLOCK_BYTES = 1 << 24
+BLOCK_BYTES = 1 << 22
 
 
 def archive_and_member(path):
