@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+ROWS_TOGETHER = 1 << 16  # of a table: a large one can be read piece by piece
 _PROVENANCE = b"modlhmp"
 _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
@@ -22,11 +23,18 @@ class DataError(ValueError):
 
 def write_parquet(table, path, **provenance):
     """Write a `pyarrow.Table` (or a dict of columns) to `path`, with `provenance` as JSON in the metadata."""
-    if isinstance(table, dict):
-        table = pa.table(table)
-    metadata = {**(table.schema.metadata or {}), **provenance_metadata(**provenance)}
-    with atomic_path(path) as temporary:
-        pq.write_table(table.replace_schema_metadata(metadata), temporary, **packing(table.schema))
+    write_pieces([pa.table(table) if isinstance(table, dict) else table], path, **provenance)
+
+
+def write_pieces(tables, path, **provenance):
+    """Write tables of one form, of which there is at least one, as a single one; they are taken as they come."""
+    tables = iter(tables)
+    table = next(tables)
+    schema = table.schema.with_metadata({**(table.schema.metadata or {}), **provenance_metadata(**provenance)})
+    with atomic_path(path) as temporary, pq.ParquetWriter(temporary, schema, **packing(schema)) as writer:
+        while table is not None:
+            writer.write_table(table.replace_schema_metadata(schema.metadata), row_group_size=ROWS_TOGETHER)
+            table = next(tables, None)
 
 
 def packing(schema):
@@ -59,6 +67,13 @@ def read_parquet(path, columns=None):
         return pq.ParquetFile(path).read(columns, use_threads=False)
     except (OSError, pa.ArrowInvalid) as error:
         raise DataError(f"{path}: cannot be read as Parquet ({error}); delete it and run the workflow again") from None
+
+
+def read_pieces(path, columns=None):
+    """Yield a table piece by piece, `ROWS_TOGETHER` rows at a time at most."""
+    file = pq.ParquetFile(path)
+    for group in range(file.num_row_groups):
+        yield file.read_row_group(group, columns, use_threads=False)
 
 
 def provenance_metadata(**provenance):

@@ -13,7 +13,7 @@ from scipy import stats
 
 from modlhmp.scoring.ladder import LEAST_DAYS, bootstrap, clusters, differences, scores
 from modlhmp.scoring.protocols import PROTOCOLS
-from modlhmp.scoring.summary import at_horizons, read_errors
+from modlhmp.scoring.summary import at_horizons
 from modlhmp.storage import write_parquet
 
 FEW = settings(max_examples=20, deadline=None, derandomize=True)
@@ -243,7 +243,7 @@ def as_errors(rows, path):
         values = pa.array(np.concatenate([row[metric] for row in rows]))
         columns[metric] = pa.FixedSizeListArray.from_arrays(values, STEPS)
     write_parquet(pa.table(columns), path)
-    return at_horizons(read_errors(path), HORIZONS, STEP_S)
+    return at_horizons(path, HORIZONS, STEP_S)
 
 
 def errors_of(rows, output, protocol, metric, step):

@@ -9,7 +9,7 @@ import twins
 from scipy import stats
 
 from modlhmp.forecasting import forecast_recording
-from modlhmp.forecasting.base import stream_keys, uniforms
+from modlhmp.forecasting.base import Forecast, stream_keys, uniforms
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import with_median
 from modlhmp.forecasting.observe import Observed, current_velocity, kernel_weights, observe, usable_tracks
@@ -392,12 +392,14 @@ def test_forecast_of_a_recording_does_not_depend_on_how_many_tracks_are_forecast
 
     ((_, ids, whole),) = forecast_recording(table, forecaster, dataset, NAMES, 4, [0])
     monkeypatch.setattr("modlhmp.forecasting.TRACKS_AT_ONCE", 3)
-    ((_, same_ids, in_blocks),) = forecast_recording(table, forecaster, dataset, NAMES, 4, [0])
-    ((_, _, first),) = forecast_recording(table, forecaster, dataset, NAMES, 4, [0], keep=2)
-    assert asked == [7] + 2 * [3, 3, 1]
-    assert ids.tolist() == same_ids.tolist()
-    assert_same(in_blocks, whole)
-    assert_same(first, whole.first(2))
+    for keep, expected in ((None, whole), (2, whole.first(2))):
+        asked.clear()
+        blocks = list(forecast_recording(table, forecaster, dataset, NAMES, 4, [0, 1], keep=keep))
+        assert asked == 2 * [3, 3, 1]
+        assert [seed for seed, _, _ in blocks] == [0] * 3 + [1] * 3
+        assert np.concatenate([some for _, some, _ in blocks[:3]]).tolist() == ids.tolist()
+        joined = (np.concatenate(parts) for parts in zip(*(one[:3] for _, _, one in blocks[:3]), strict=True))
+        assert_same(Forecast(*joined, "median"), expected)
 
 
 def test_only_futures_behind_a_median_are_left_out(mod):

@@ -1,6 +1,7 @@
 """Scoring: truth, errors, both protocols, statistics and tests against loops, and design examples by hand."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -318,6 +319,28 @@ def test_forecasts_of_other_tracks_are_refused():
         score_recording(tracks, forecasts_of(other), "day", DATASET)
 
 
+@pytest.mark.parametrize("sizes", [(3, 3, 2), (1, 7), (8,)])
+def test_forecasts_may_come_a_few_tracks_after_the_other(sizes):
+    tracks = recording(np.random.default_rng(21), tracks=9)
+    whole = list(forecasts_of(tracks, seeds=(0, 1)))
+    assert len(whole[0][1]) == sum(sizes)
+    edges = np.cumsum((0, *sizes))
+    blocks = [
+        (seed, ids[a:b], Forecast(*(part[a:b] for part in forecast[:3]), forecast.output))
+        for seed, ids, forecast in whole
+        for a, b in pairwise(edges)
+    ]
+    key = ["output", "protocol", "seed", "track_id"]
+    got, expected = (
+        score_recording(tracks, some, "day", DATASET).to_pandas().sort_values(key, ignore_index=True)
+        for some in (blocks, whole)
+    )
+    pd.testing.assert_frame_equal(got, expected)
+    if len(sizes) > 1:
+        with pytest.raises(ValueError, match="fewer tracks"):
+            score_recording(tracks, blocks[:-1], "day", DATASET)
+
+
 @pytest.mark.parametrize("rows", [0, 1, 4])
 def test_recording_without_a_usable_track_is_scored_as_empty(tmp_path, rows):
     tracks = track(np.random.default_rng(5), 1, rows) if rows else empty_tracks()
@@ -344,6 +367,28 @@ def saved(tables, path):
     """What `read_errors` makes of the tables written as one file."""
     write_parquet(pa.concat_tables(tables).unify_dictionaries(), path)
     return read_errors(path)
+
+
+def test_a_file_in_pieces_is_read_as_one(tables, errors, tmp_path, monkeypatch):
+    monkeypatch.setattr("modlhmp.storage.ROWS_TOGETHER", 17)
+    pieces = saved(tables, tmp_path / "errors.parquet")
+    assert pieces.keys() == errors.keys()
+    for key, one in errors.items():
+        for part, other in zip(pieces[key], one, strict=True):
+            np.testing.assert_array_equal(part, other)
+
+
+def test_errors_at_horizons_are_means_over_the_seeds(tables, errors, tmp_path):
+    write_parquet(pa.concat_tables(tables).unify_dictionaries(), tmp_path / "errors.parquet")
+    found = at_horizons(tmp_path / "errors.parquet", [2.0, 7.0], 1.0)
+    for key, one in errors.items():
+        for metric in ("ade", "fde"):
+            expected = [
+                [twins.mean([v for v in seeds if not math.isnan(v)]) for seeds in track.T]
+                for track in getattr(one, metric)[:, :, [1, 6]].transpose(1, 0, 2)
+            ]
+            np.testing.assert_allclose(getattr(found[key], metric)[0], expected, rtol=1e-6)
+        np.testing.assert_array_equal(found[key].eligible_steps, one.eligible_steps)
 
 
 @pytest.fixture(scope="module")
@@ -568,8 +613,12 @@ def test_compare_equals_the_loop():
         "line": made_up_errors(15, range(30), ("single",), 1.0),
     }
     pairs, horizons = [("maps", "mid"), ("maps", "line"), ("mid", "line")], [1.0, 3.0, 6.0]
-    reduced = {name: at_horizons(errors, horizons, 0.5) for name, errors in methods.items()}
-    table = compare("hall", reduced, pairs, horizons)
+
+    def reduced(one):
+        return one._replace(**{metric: one.by_track(metric)[None, :, [1, 5, 11]] for metric in ("ade", "fde")})
+
+    by_method = {name: {key: reduced(one) for key, one in errors.items()} for name, errors in methods.items()}
+    table = compare("hall", by_method, pairs, horizons)
     assert len(table) == 2 * 3 * 2 * 3
     outputs = {"maps": "ranked", "mid": "mean", "line": "single"}
     for line in table.itertuples():

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from modlhmp.forecasting import forecast_recording
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.median import with_median
@@ -16,7 +16,6 @@ from modlhmp.scoring.protocols import score
 from modlhmp.scoring.reliability import calibration, read_uncertainty, reliability, summarise
 from modlhmp.scoring.uncertainty import (
     energy_score,
-    measure,
     measures,
     own_output,
     repeats,
@@ -213,12 +212,15 @@ def test_a_recording_is_measured_in_parts(monkeypatch):
         xy = observed.x[:, None, None, -1:] + noise * np.ones((n, k, steps, 2))
         return Forecast(xy.astype(np.float32), np.zeros((n, k, steps), np.float32), np.full((n, k), steps), "ranked")
 
-    arguments = (tracks, forecaster, DATASET, ("hall", "m", "day"), 5, 30, [0, 3], [2.0, 6.0])
-    whole = pa.concat_tables(measure(*arguments)).to_pandas()
+    def measured():
+        forecasts = forecast_recording(tracks, forecaster, DATASET, ("hall", "m", "day"), 30, [0, 3])
+        return score_samples(tracks, forecasts, "day", DATASET, 5, [2.0, 6.0]).to_pandas()
+
+    whole = measured()
     assert asked == [(6, 30)] * 2
-    monkeypatch.setattr("modlhmp.scoring.uncertainty.TRACKS_AT_ONCE", 4)
-    parts = pa.concat_tables(measure(*arguments)).to_pandas()
-    assert asked[2:] == [(4, 30)] * 2 + [(2, 30)] * 2
+    monkeypatch.setattr("modlhmp.forecasting.TRACKS_AT_ONCE", 4)
+    parts = measured()
+    assert asked[2:] == [(4, 30), (2, 30)] * 2
     key = ["track_id", "seed"]
     parts, whole = (one.astype({"recording": str}).sort_values(key, ignore_index=True) for one in (parts, whole))
     pd.testing.assert_frame_equal(parts, whole)

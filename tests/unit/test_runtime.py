@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from modlhmp.forecasting import make_forecaster
-from modlhmp.maps import cliff
+from modlhmp.maps import cliff, stef
 from modlhmp.paper import claims
 from modlhmp.paper.runtime_figure import draw
-from modlhmp.scoring.runtime import REPETITIONS, copied, exponent, milliseconds_a_track, some_tracks
+from modlhmp.scoring.runtime import REPETITIONS, copied, exponent, measure, milliseconds_a_track, some_tracks
 from modlhmp.storage import write_parquet
 from modlhmp.tracks import Tracks, empty_tracks, usable_tracks, write_tracks
 
@@ -87,6 +87,27 @@ def test_a_measurement(tmp_path):
     assert {"cpu", "cores", "python", "numba", "numpy"} == set(result["machine"])
 
 
+def test_a_stef_map_is_measured_alike(tmp_path):
+    table = stef.build(people(60), "UTC")
+    write_parquet(stef.evaluate(table, stef.middle_of_hour(17)), tmp_path / "stef/17.parquet")
+    write_tracks(people(20), tmp_path / "day.parquet")
+    task = {"map": str(tmp_path / "stef"), "kind": "stef", "options": OPTIONS, "dataset": DATASET,
+            "tracks": [str(tmp_path / "day.parquet")], "max_tracks": 25}  # fmt: skip
+    cells = table.num_rows // 8
+    assert [row[0] for row in measure(task)["growth"]["M"]] == [cells * copies for copies in (1, 2, 4, 8, 16)]
+
+
+def test_a_map_is_copied_until_it_is_as_wide_as_maps_may_be(tmp_path, monkeypatch):
+    table = cliff.build(people(60))
+    write_parquet(table, tmp_path / "cliff.parquet")
+    write_tracks(people(20), tmp_path / "day.parquet")
+    task = {"map": str(tmp_path / "cliff.parquet"), "kind": "cliff", "options": OPTIONS, "dataset": DATASET,
+            "tracks": [str(tmp_path / "day.parquet")], "max_tracks": 25}  # fmt: skip
+    wide, high = (np.ptp(table[name].to_numpy()) for name in ("x", "y"))
+    monkeypatch.setattr("modlhmp.maps.base.MAX_LATTICE", (4 * (wide + 100) + 1) * (high + 1))  # 4 copies, not 8
+    assert len(measure(task)["growth"]["M"]) == 3
+
+
 def test_too_few_people(tmp_path):
     """One track can be measured, its growth has no exponent in N; none at all is said."""
     result = json.loads(run(tmp_path, 1).stdout)
@@ -127,6 +148,26 @@ def test_claims_about_the_runtime():
     assert table["the exponent of time in N is 1"] == "supported"
     assert table["the exponent of time in T is 1"] == table["the exponent of time in M is 1"] == "grows more slowly"
     assert (table["273 MB"], table["152 kB"]) == ("ours is smaller", "ours is larger")
+
+
+def test_the_rate_is_that_of_a_track_alone():
+    """What the paper gives; many at once are faster, which is no answer to it."""
+    slow = made_up(latency_s=0.2, seconds_per_track=1e-4)
+    one = claims.Evidence(DATASET, [12.0], {}, {}, np.empty(0), frozenset(), slow)
+    row = (
+        claims.test_claims([one], {}, {})
+        .set_index("our test")
+        .loc["at most 0.11 s a track, k = 5, 60 s (another machine)"]
+    )
+    assert (row["verdict"], row["measured"]) == ("contradicted", "200 ms")
+
+
+def test_growth_of_fewer_than_three_sizes_is_not_tested():
+    unknown = made_up(exponents={"N": [float("nan")] * 3, "T": [0.5, 0.4, 0.6], "M": [1.2, 1.1, 1.3]})
+    one = claims.Evidence(DATASET, [12.0], {}, {}, np.empty(0), frozenset(), unknown)
+    table = claims.test_claims([one], {}, {}).set_index("our test")["verdict"]
+    verdicts = [table[f"the exponent of time in {name} is 1"] for name in "NTM"]
+    assert verdicts == ["not tested", "grows more slowly", "grows faster"]
 
 
 # --- costs of the ladder ------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from modlhmp.storage import column, packing, read_parquet, write_parquet
+from modlhmp.storage import column, packing, read_metadata, read_parquet, read_pieces, write_parquet, write_pieces
 
 
 def table(n=5000, seed=0):
@@ -47,6 +47,37 @@ def test_columns_are_arrays_of_their_type(name):
     np.testing.assert_array_equal(got, expected)
     in_pieces = pa.concat_tables([of.slice(0, 17), of.slice(17)])
     np.testing.assert_array_equal(column(in_pieces, name), expected)
+
+
+def test_pieces_make_one_table_and_are_taken_as_they_come(tmp_path, monkeypatch):
+    monkeypatch.setattr("modlhmp.storage.ROWS_TOGETHER", 1000)
+    whole, taken = table(), []
+
+    def pieces():
+        for first, last in ((0, 1700), (1700, 1701), (1701, 5000)):
+            taken.append(first)
+            yield whole.slice(first, last - first)
+
+    write_pieces(pieces(), tmp_path / "t.parquet", seed=3)
+    assert taken == [0, 1700, 1701]
+    got = read_parquet(tmp_path / "t.parquet")
+    assert got.schema.equals(whole.schema)
+    assert got["name"].to_pylist() == whole["name"].to_pylist()
+    assert read_metadata(tmp_path / "t.parquet") == {"seed": 3}
+    again = list(read_pieces(tmp_path / "t.parquet", ["id", "path"]))
+    assert [len(piece) for piece in again] == [1000, 700, 1, 1000, 1000, 1000, 299]
+    for name in ("id", "path"):
+        np.testing.assert_array_equal(np.concatenate([column(piece, name) for piece in again]), column(whole, name))
+
+
+def test_pieces_that_fail_leave_no_file(tmp_path):
+    def pieces():
+        yield table()
+        raise RuntimeError("stopped")
+
+    with pytest.raises(RuntimeError, match="stopped"):
+        write_pieces(pieces(), tmp_path / "t.parquet")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_paths_take_less_than_plain_zstd(tmp_path):

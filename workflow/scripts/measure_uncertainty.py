@@ -2,10 +2,10 @@
 
 import pyarrow as pa
 
-from modlhmp.forecasting import make_forecaster, seeds_of
+from modlhmp.forecasting import forecast_recording, make_forecaster, seeds_of
 from modlhmp.logs import job_log, progress
 from modlhmp.scoring.summary import scored_horizons
-from modlhmp.scoring.uncertainty import measure
+from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.storage import DataError, provenance, write_parquet
 from modlhmp.tracks import read_tracks
 
@@ -19,12 +19,11 @@ with job_log(snakemake.log[0]) as log:
     horizons = scored_horizons(params.horizons, dataset) or [dataset["horizon_s"]]
     tables = []
     for name, file in zip(params.recordings, progress(snakemake.input.tracks, desc="recordings"), strict=True):
-        keyed_by = (names.dataset, names.method, name)
-        parts = measure(
-            read_tracks(file), forecaster, dataset, keyed_by, method["options"]["k"], params.samples, seeds, horizons
-        )
-        tables.extend(parts)
-    if not tables:
+        tracks, k = read_tracks(file), method["options"]["k"]
+        drawn = max(k, params.samples)
+        forecasts = forecast_recording(tracks, forecaster, dataset, (names.dataset, names.method, name), drawn, seeds)
+        tables.append(score_samples(tracks, forecasts, name, dataset, k, horizons))
+    if not any(table.num_rows for table in tables):
         rows = dataset["observed_rows"] + 1
         raise DataError(f"{names.dataset}: no test track has {rows} rows without a gap over 5 s to measure")
     origin = provenance(dict(names), dict(params), snakemake.input)

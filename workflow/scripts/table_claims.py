@@ -6,7 +6,7 @@ from pathlib import Path
 from modlhmp.forecasting.observe import seconds_after_t0
 from modlhmp.logs import job_log
 from modlhmp.paper.claims import Evidence, claim_horizons, idle_keys, test_claims, write_claims
-from modlhmp.scoring.summary import at_horizons, read_errors
+from modlhmp.scoring.summary import at_horizons
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
@@ -16,7 +16,7 @@ with job_log(snakemake.log[0]) as log:
         horizons = claim_horizons(dataset, params.horizons)
 
         def reduced(file, horizons=horizons, step_s=dataset["time_step_s"]):
-            return at_horizons(read_errors(file), horizons, step_s)
+            return at_horizons(file, horizons, step_s)
 
         errors = {file.stem: reduced(file) for file in mine if file.parent.name == "errors"}
         studies = {

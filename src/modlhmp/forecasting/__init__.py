@@ -22,7 +22,7 @@ from modlhmp.storage import atomic_path, column, packing, provenance_metadata, r
 from modlhmp.tracks import together, usable_tracks
 
 STORED = 20  # of the samples behind a median; all of them would be gigabytes
-TRACKS_AT_ONCE = 250  # whose futures, all of them, are in memory together
+TRACKS_AT_ONCE = 250  # whose futures are in memory together; a forecast does not depend on who else is forecast
 UNSEEDED = ("cvm", "episodes")  # kinds that draw no random numbers
 
 
@@ -80,8 +80,9 @@ def forecast_recording(tracks, forecaster, dataset, names, k, seeds, others=None
     """Forecast every usable track of a recording to the longest horizon, for each seed.
 
     `names` = (dataset, method, recording) key the random numbers; `others` are the tracks of that day's other
-    recordings, if the forecaster looks at neighbours. Yields (seed, track_ids [n], Forecast); a forecaster without
-    randomness is run for the first seed only. Of a median's futures the first `keep` are given, by default all.
+    recordings, if the forecaster looks at neighbours. Yields (seed, track_ids [m], Forecast) of a few tracks after the
+    other, at least once a seed; a forecaster without randomness is run for the first seed only. Of a median's futures
+    the first `keep` are given, by default all.
     """
     seen, rows = dataset["observed_rows"], usable_tracks(tracks, dataset["observed_rows"])
     observed = observe(tracks, rows, seen)
@@ -92,33 +93,28 @@ def forecast_recording(tracks, forecaster, dataset, names, k, seeds, others=None
     steps, n = round(dataset["horizon_s"] / dataset["time_step_s"]), len(rows)
     with progress(total=n * len(seeds), desc="forecasts", unit=" tracks") as bar:
         for seed in seeds:
-            # A forecast does not depend on which tracks are forecast together, and so few fit a processor's caches.
-            blocks = []
             for first in range(0, max(n, 1), TRACKS_AT_ONCE):
-                some = Observed(*(column[first : first + TRACKS_AT_ONCE] for column in observed))
+                some = Observed(*(values[first : first + TRACKS_AT_ONCE] for values in observed))
                 forecast = forecaster(some, steps, stream_keys(some.track_id, k, seed, *names))
-                blocks.append(forecast.first(keep) if forecast.output == "median" else forecast)
+                yield seed, some.track_id, forecast.first(keep) if forecast.output == "median" else forecast
                 bar.update(len(some.track_id))
-            whole = (np.concatenate(parts) for parts in zip(*(block[:3] for block in blocks), strict=True))
-            yield seed, observed.track_id, Forecast(*whole, forecast.output)
             if forecast.output == "single":
                 return
 
 
 def average_forecasts(members):
-    """The mean path of several methods' forecasts, each a list as of `read_forecasts`; yields the same, of one future.
+    """The mean path of several methods' forecasts, each as of `read_forecasts`; yields the same, of one future.
 
     A seed is averaged with the others' forecasts of that seed, or of their only one. Methods whose path has ended do
     not count from then on; the mean is held once all have.
     """
-    by_seed = [{seed: (ids, forecast) for seed, ids, forecast in member} for member in members]
+    by_seed = [_first_futures(member) for member in members]
     for seed in max(by_seed, key=len, default={}):
         chosen = [member.get(seed) or next(iter(member.values())) for member in by_seed]
         ids = chosen[0][0]
-        if not all(np.array_equal(ids, other) for other, _ in chosen):
+        if not all(np.array_equal(ids, other) for other, *_ in chosen):
             raise ValueError("the forecasts to be averaged are of different tracks; remake them")
-        xy = np.stack([forecast.xy[:, 0] for _, forecast in chosen])
-        alive = np.stack([forecast.steps_alive[:, 0] for _, forecast in chosen])
+        xy, alive = (np.stack(parts) for parts in zip(*(own for _, *own in chosen), strict=True))
         life, step = alive.max(axis=0), np.arange(xy.shape[2])
         # Where no member knows more than constant velocity, that is averaged.
         counts = (alive[..., None] > step) | (life == 0)[:, None]
@@ -129,8 +125,16 @@ def average_forecasts(members):
         yield seed, ids, Forecast(mean[:, None], no_fitness, life[:, None].astype(np.int32), "single")
 
 
+def _first_futures(forecasts):
+    """{seed: (track_ids [n], xy [n, T, 2], steps alive [n])} of the first futures of all blocks."""
+    blocks = {}
+    for seed, ids, forecast in forecasts:
+        blocks.setdefault(seed, []).append((ids, forecast.xy[:, 0].copy(), forecast.steps_alive[:, 0]))
+    return {seed: tuple(map(np.concatenate, zip(*some, strict=True))) for seed, some in blocks.items()}
+
+
 def write_forecasts(path, forecasts, **provenance):
-    """Write forecasts as they come, one row a track and seed and one row group a seed."""
+    """Write forecasts as they come, one row a track and seed and one row group a block."""
     with atomic_path(path) as temporary:
         writer = None
         try:
@@ -160,7 +164,7 @@ def write_forecasts(path, forecasts, **provenance):
 
 
 def read_forecasts(path):
-    """Yield (seed, track_ids, Forecast) of a forecasts file, one seed at a time."""
+    """Yield (seed, track_ids [m], Forecast) of a forecasts file, in the blocks in which it was written."""
     shape = read_metadata(path)
     k, steps = shape["k"], shape["steps"]
     file = pq.ParquetFile(path)

@@ -228,7 +228,7 @@ def _rate(one, _titles, _kinds):
     if one.runtime is None or claimed is None:
         yield _row("", NO_RUNTIME, "", verdict="not tested")
         return
-    seconds = one.runtime["seconds_per_track"]
+    seconds = one.runtime["latency_s"]  # of a track alone: many at once share what a call costs
     text = f"at most {claimed:g} s a track, k = {one.runtime['k']}, {one.runtime['horizon_s']:g} s (another machine)"
     row = _row("", text, f"{1000 * seconds:.3g} ms", verdict="supported" if seconds <= claimed else "contradicted")
     yield {**row, "n": one.runtime["tracks"]}
@@ -240,6 +240,7 @@ def _linear(one, _titles, _kinds):
         return
     for name, (slope, low, high) in one.runtime["exponents"].items():
         verdict = "supported" if low <= 1 <= high else ("grows faster" if low > 1 else "grows more slowly")
+        verdict = verdict if np.isfinite(slope) else "not tested"  # fewer than three sizes
         row = _row("", f"the exponent of time in {name} is 1", f"{slope:.2f}", verdict=verdict)
         yield {**row, "n": len(one.runtime["growth"][name]), "95 % CI": f"{low:.2f} to {high:.2f}"}
 

@@ -55,9 +55,11 @@ def forecast_of(forecasts_file, track_id):
     if not len(seeds):
         return None
     first = pc.min(seeds).as_py()
-    ids, forecast = next((ids, forecast) for seed, ids, forecast in read_forecasts(forecasts_file) if seed == first)
-    row = np.flatnonzero(ids == track_id)
-    return Forecast(*(values[row[0]] for values in forecast[:3]), forecast.output) if len(row) else None
+    for seed, ids, forecast in read_forecasts(forecasts_file):
+        row = np.flatnonzero(ids == track_id)
+        if seed == first and len(row):
+            return Forecast(*(values[row[0]] for values in forecast[:3]), forecast.output)
+    return None
 
 
 def rank_order(forecast, steps):

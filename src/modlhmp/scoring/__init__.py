@@ -12,11 +12,11 @@ from modlhmp.tracks import clock_hours, usable_tracks
 def score_recording(tracks, forecasts, recording, dataset, floor_plan=None):
     """Score one method's forecasts of one recording; returns a table, one row a track, seed, output, protocol.
 
-    `forecasts` yields (seed, track_ids, `Forecast`). `ade` and `fde` [m] are lists over horizons, NaN where not
-    scored; `eligible_steps` says to which step the track counts, `scored_steps` to how many it was scored, and
-    `why_not` the reason where the two differ. With a `FloorPlan` there are also `infeasible`, lists of whether the
-    forecast has been inside a wall (`errors.enters_occupied`), and `truth_infeasible_from`, the first step at which
-    the person's own path has (0: never). Empty if the recording has no usable track.
+    `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other. `ade` and `fde` [m] are lists
+    over horizons, NaN where not scored; `eligible_steps` says to which step the track counts, `scored_steps` to how
+    many it was scored, and `why_not` the reason where the two differ. With a `FloorPlan` there are also `infeasible`,
+    lists of whether the forecast has been inside a wall (`errors.enters_occupied`), and `truth_infeasible_from`, the
+    first step at which the person's own path has (0: never). Empty if the recording has no usable track.
     """
     rows = usable_tracks(tracks, dataset["observed_rows"])
     ids = tracks.track_id[rows[:, 0]]
@@ -35,19 +35,25 @@ def score_recording(tracks, forecasts, recording, dataset, floor_plan=None):
         entered = enters_occupied(floor_plan, depth, start, truth)
         first = np.where(entered.any(axis=1), entered.argmax(axis=1) + 1, 0)
         by_track["truth_infeasible_from"] = first.astype(np.int32)
-    tables = []
+    tables, of_seed = [], {}
     for seed, track_ids, forecast in forecasts:
-        if not np.array_equal(track_ids, ids):
+        rows = of_seed.get(seed, 0) + np.arange(len(track_ids))
+        of_seed[seed] = of_seed.get(seed, 0) + len(track_ids)
+        if not np.array_equal(track_ids, ids[rows[rows < len(ids)]]):
             raise ValueError(f"{recording}: the forecasts are of other tracks than the recording's; remake them")
-        infeasible = None if floor_plan is None else enters_occupied(floor_plan, depth, start, forecast.xy)
-        for (output, protocol), values in score(forecast, truth, eligible, infeasible).items():
+        infeasible = None if floor_plan is None else enters_occupied(floor_plan, depth, start[rows], forecast.xy)
+        mine = {protocol: number[rows] for protocol, number in eligible.items()}
+        for (output, protocol), values in score(forecast, truth[rows], mine, infeasible).items():
             scored = np.isfinite(values["ade"]).sum(axis=1)
-            wanted = np.minimum(eligible[protocol], steps)
+            wanted = np.minimum(mine[protocol], steps)
             reason = np.where(scored < wanted, "no dynamics", "")
             if protocol == "paper":
-                reason = np.where(idle, "idle", reason)
+                reason = np.where(idle[rows], "idle", reason)
             one = {"recording": recording, "output": output, "protocol": protocol}
-            tables.append(_table(one, seed, by_track, wanted, scored, reason, values))
+            whose = {name: values[rows] for name, values in by_track.items()}
+            tables.append(_table(one, seed, whose, wanted, scored, reason, values))
+    if any(number != len(ids) for number in of_seed.values()):
+        raise ValueError(f"{recording}: the forecasts are of fewer tracks than the recording's; remake them")
     if not tables:
         nothing, no_errors = np.empty(0, int), np.empty((0, steps))
         one = {"recording": recording, "output": "", "protocol": ""}

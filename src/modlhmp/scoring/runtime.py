@@ -61,7 +61,7 @@ def measure(task):
         "N": [[int(size), _times(lambda size=size: forecast(_take(observed, slice(size))))[0]] for size in sizes],
         "T": [[int(h), _times(lambda h=h: forecast(observed, h))[0], int(live)]
               for h, live in zip(horizons, lived, strict=True)],
-        "M": [_with_copies(task, copies, forecast, observed, reference) for copies in COPIES],
+        "M": list(_with_copies(task, forecast, observed, reference)),
     }  # fmt: skip
     files = _map_files(task["map"])
     return {
@@ -94,9 +94,9 @@ def milliseconds_a_track(forecaster, tracks, dataset, k):
     names = (dataset["name"], "cost", "cost")
 
     def run():
-        return [len(ids) for _, ids, _ in forecast_recording(tracks, forecaster, dataset, names, k, [0], [])]
+        return sum(len(ids) for _, ids, _ in forecast_recording(tracks, forecaster, dataset, names, k, [0], []))
 
-    (number,) = run()
+    number = run()
     return 1000 * _times(run)[0] / number if number else float("nan")
 
 
@@ -112,31 +112,42 @@ def exponent(sizes, seconds):
 
 
 def copied(table, copies):
-    """A CLiFF-map table with `copies` of its locations, the others so far away that nobody reaches them."""
+    """A map's table with `copies` of its locations (or cells), the others so far away that nobody reaches them."""
     x = column(table, "x")
     parts = []
     for number in range(copies):
         shift = number * (np.ceil(np.ptp(x)) + APART_M)
-        location = column(table, "location")
-        location = location + number * (location.max() + 1)
         moved = table.set_column(table.schema.get_field_index("x"), "x", pa.array(x + shift))
-        parts.append(moved.set_column(moved.schema.get_field_index("location"), "location", pa.array(location)))
+        if "location" in table.column_names:
+            location = column(table, "location")
+            location = pa.array(location + number * (location.max() + 1), table.schema.field("location").type)
+            moved = moved.set_column(moved.schema.get_field_index("location"), "location", location)
+        parts.append(moved)
     return pa.concat_tables(parts)
 
 
-def _with_copies(task, copies, forecast, observed, reference):
-    """[number of locations, seconds] with a larger map; the forecasts must be the very same."""
+def _with_copies(task, forecast, observed, reference):
+    """Yield [number of locations, seconds] with larger maps, up to the largest lattice; forecasts must be the same."""
     mod_class, hourly = KINDS[task["kind"]]
-    radius = task["options"]["sampling_radius_m"]
-    tables = {file.stem: copied(read_parquet(file), copies) for file in _map_files(task["map"])}
-    mods = {stem: mod_class(table, radius) for stem, table in tables.items()}
-    mod = next(iter(mods.values()))
-    if hourly:
-        mod = HourlyMod({int(stem): one for stem, one in mods.items()}, task["dataset"]["timezone"])
-    if not np.array_equal(forecast(observed, mod=mod).xy, reference.xy):
-        raise RuntimeError("a map with locations out of reach gave other forecasts")
-    locations = np.mean([len(np.unique(column(table, "location"))) for table in tables.values()])
-    return [float(locations), _times(lambda: forecast(observed, mod=mod))[0]]
+    tables = {file.stem: read_parquet(file) for file in _map_files(task["map"])}
+    locations = np.mean([_locations(table) for table in tables.values()])
+    for copies in COPIES:
+        try:
+            larger = {stem: mod_class(copied(table, copies), task["options"]["sampling_radius_m"])
+                      for stem, table in tables.items()}  # fmt: skip
+        except DataError:  # such a map is wider than any may be
+            return
+        mod = next(iter(larger.values()))
+        if hourly:
+            mod = HourlyMod({int(stem): one for stem, one in larger.items()}, task["dataset"]["timezone"])
+        if not np.array_equal(forecast(observed, mod=mod).xy, reference.xy):
+            raise RuntimeError("a map with locations out of reach gave other forecasts")
+        yield [float(locations * copies), _times(lambda mod=mod: forecast(observed, mod=mod))[0]]
+
+
+def _locations(table):
+    """How many locations, or cells, a map has."""
+    return len(np.unique(column(table, "location"))) if "location" in table.column_names else table.num_rows
 
 
 def _observed(files, dataset, max_tracks):

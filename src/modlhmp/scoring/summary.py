@@ -4,8 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
-from modlhmp.storage import column, read_parquet
+from modlhmp.storage import column, read_parquet, read_pieces
 
 COLUMNS = (
     "dataset", "method", "output", "protocol", "horizon_s", "ade_m", "fde_m",
@@ -37,28 +38,35 @@ class Errors(NamedTuple):
         return nan_mean(getattr(self, metric), axis=0)
 
 
-def read_errors(path):
-    """An errors file as {(output, protocol): `Errors`}."""
-    table = read_parquet(path)
-    metrics = [name for name in METRICS if name in table.column_names]
-    steps = table.schema.field("ade").type.list_size
-    values = {name: column(table, name).reshape(-1, steps) for name in metrics}
-    rows = table.drop_columns(metrics).to_pandas()
-    found = {}
-    for (output, protocol), group in rows.groupby(["output", "protocol"], observed=True):
+def read_errors(path, steps=slice(None)):
+    """An errors file as {(output, protocol): `Errors`}, of all time steps or those that are chosen."""
+    schema = pq.read_schema(path)
+    metrics = [name for name in METRICS if name in schema.names]
+    rows = read_parquet(path, [name for name in schema.names if name not in metrics]).to_pandas()
+    width = schema.field("ade").type.list_size
+    step = np.arange(1, width + 1)[steps]
+    found, place = {}, np.empty((2, len(rows)), np.int64)  # seed and track of every row
+    for key, group in rows.groupby(["output", "protocol"], observed=True):
         names = group["recording"].astype(str) + "/" + group["track_id"].astype(str)
         keys, track = np.unique(names, return_inverse=True)
         seeds, seed = np.unique(group["seed"], return_inverse=True)
-        arrays = {name: np.full((len(seeds), len(keys), steps), np.nan, np.float32) for name in metrics}
-        for name, array in arrays.items():
-            array[seed, track] = values[name][group.index]
+        place[:, group.index] = seed, track
+        arrays = {name: np.full((len(seeds), len(keys), len(step)), np.nan, np.float32) for name in metrics}
         eligible = np.zeros(len(keys), np.int64)
         eligible[track] = group["eligible_steps"]
         if "infeasible" in arrays:
             first = np.zeros(len(keys), np.int64)
             first[track] = group["truth_infeasible_from"]
-            arrays["truth_infeasible"] = (first[:, None] > 0) & (np.arange(1, steps + 1) >= first[:, None])
-        found[output, protocol] = Errors(keys, eligible_steps=eligible, **arrays)
+            arrays["truth_infeasible"] = (first[:, None] > 0) & (step >= first[:, None])
+        found[key] = Errors(keys, eligible_steps=eligible, **arrays)
+    begin = 0
+    for piece in read_pieces(path, metrics):
+        of = rows.iloc[begin : begin + len(piece)].groupby(["output", "protocol"], observed=True).indices
+        for name in metrics:
+            values = column(piece, name).reshape(-1, width)[:, steps]
+            for key, mine in of.items():
+                getattr(found[key], name)[*place[:, begin + mine]] = values[mine]
+        begin += len(piece)
     return found
 
 
@@ -94,15 +102,13 @@ def summarise(dataset, method, errors, step_s):
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def at_horizons(errors, horizons_s, step_s):
-    """Errors with their seeds averaged, [1, tracks, H], at these horizons only: what comparisons of methods need."""
-    steps = [round(horizon / step_s) - 1 for horizon in horizons_s]
-    reduced = {}
-    for key, one in errors.items():
-        values = {m: one.by_track(m)[None, :, steps] for m in METRICS if getattr(one, m) is not None}
-        truth = None if one.truth_infeasible is None else one.truth_infeasible[:, steps]
-        reduced[key] = Errors(one.keys, eligible_steps=one.eligible_steps, truth_infeasible=truth, **values)
-    return reduced
+def at_horizons(path, horizons_s, step_s):
+    """An errors file at these horizons only, the seeds averaged, [1, tracks, H]: what comparisons of methods need."""
+    errors = read_errors(path, [round(horizon / step_s) - 1 for horizon in horizons_s])
+    return {
+        key: one._replace(**{m: one.by_track(m)[None] for m in METRICS if getattr(one, m) is not None})
+        for key, one in errors.items()
+    }
 
 
 def at_own_length(by_track, eligible_steps):

@@ -7,37 +7,23 @@ samples: C. Ferro, Q. J. R. Meteorol. Soc. 140, 2014.
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.forecasting import TRACKS_AT_ONCE, forecast_recording
 from modlhmp.forecasting.ranking import most_likely
 from modlhmp.kernels import kernel
 from modlhmp.scoring.errors import displacement_errors, ground_truth
 from modlhmp.scoring.protocols import longest_lived
 from modlhmp.scoring.summary import nan_mean
-from modlhmp.tracks import runs, usable_tracks
+from modlhmp.tracks import usable_tracks
 
 SAMPLES = 40  # of a distribution, so that every method is judged by as many
 BEST_OF = 5
 MEASURES = ("energy_m", "best_ade_m", "best_fde_m", "expected_m", "real_m", "samples", "left", "has_left")
 
 
-def measure(tracks, forecaster, dataset, names, k, samples, seeds, horizons_s):
-    """Forecast a recording with many samples and score their distribution; yields tables as of `score_samples`.
-
-    `k` is the method's own number of futures, `samples` how many are drawn at least; the other arguments are those of
-    `forecast_recording`. Forecasts do not depend on which tracks are forecast together, so a few are at a time.
-    """
-    rows = usable_tracks(tracks, dataset["observed_rows"])
-    for start in range(0, len(rows), TRACKS_AT_ONCE):
-        first, last = rows[start : start + TRACKS_AT_ONCE].T
-        some = tracks.take(runs(first, last - first + 1))
-        forecasts = forecast_recording(some, forecaster, dataset, names, max(k, samples), seeds)
-        yield score_samples(some, forecasts, names[-1], dataset, k, horizons_s)
-
-
 def score_samples(tracks, forecasts, recording, dataset, k, horizons_s):
     """The `MEASURES` of one method's forecasts of one recording; a table, one row a track and seed.
 
-    `forecasts` yields (seed, track_ids, `Forecast`). Each measure is a list over `horizons_s`, NaN where the track is
+    `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other, and `k` is the method's own
+    number of futures, of which there may be more. Each measure is a list over `horizons_s`, NaN where the track is
     shorter: `energy_m` the energy score, `best_ade_m` and `best_fde_m` the best of the first five futures,
     `expected_m` and `real_m` the distance of the method's own output from its samples and from the truth, all in m;
     `samples` how many the distribution has. `left` is the probability that the person has left by then, `has_left`
@@ -47,14 +33,15 @@ def score_samples(tracks, forecasts, recording, dataset, k, horizons_s):
     step_s = dataset["time_step_s"]
     steps = np.rint(np.asarray(horizons_s) / step_s).astype(int)
     truth, length = ground_truth(tracks, rows, dataset["observed_rows"], round(dataset["horizon_s"] / step_s), step_s)
-    tables = []
+    ids, tables = tracks.track_id[rows[:, 0]], []
     for seed, track_ids, forecast in forecasts:
-        values = measures(forecast, truth, length, k, steps)
-        of = {"recording": pa.array(np.full(len(rows), recording)).dictionary_encode(), "track_id": track_ids}
+        mine, n = np.searchsorted(ids, track_ids), len(track_ids)
+        values = measures(forecast, truth[mine], length[mine], k, steps)
+        of = {"recording": pa.array(np.full(n, recording)).dictionary_encode(), "track_id": track_ids}
         lists = {
             name: pa.FixedSizeListArray.from_arrays(pa.array(one.ravel()), len(steps)) for name, one in values.items()
         }
-        tables.append(pa.table({**of, "seed": np.full(len(rows), seed, np.int32), **lists}))
+        tables.append(pa.table({**of, "seed": np.full(n, seed, np.int32), **lists}))
     return pa.concat_tables(tables).unify_dictionaries()
 
 
