@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pandas as pd
 
-from modlhmp.logs import job_log
+from modlhmp.logs import job_log, progress
 from modlhmp.scoring.summary import read_errors, summarise
 from modlhmp.storage import write_text
 
 with job_log(snakemake.log[0]) as log:
     tables = []
-    for file in map(Path, snakemake.input):
+    for file in map(Path, progress(snakemake.input, desc="methods")):
         dataset, method = file.parts[-3], file.stem
         tables.append(summarise(dataset, method, read_errors(file), snakemake.params.time_steps[dataset]))
     results = pd.concat(tables, ignore_index=True)
