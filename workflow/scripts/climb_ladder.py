@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from modlhmp.logs import job_log
+from modlhmp.logs import job_log, progress
 from modlhmp.scoring.ladder import differences, scores
 from modlhmp.scoring.summary import at_horizons, scored_horizons
 from modlhmp.storage import provenance, write_parquet
@@ -14,7 +14,9 @@ with job_log(snakemake.log[0]) as log:
     dataset, ladder, days = snakemake.params.dataset, snakemake.params.ladder, snakemake.params.days
     horizons = scored_horizons(snakemake.params.horizons, dataset)
     step_s = dataset["time_step_s"]
-    errors = {Path(file).stem: at_horizons(file, horizons, step_s) for file in snakemake.input}
+    errors = {
+        Path(file).stem: at_horizons(file, horizons, step_s) for file in progress(snakemake.input, desc="methods")
+    }
     rungs = [method for method, _ in ladder["rows"]]
     pairs = [
         *((below, above) for above, below in pairwise(rungs)),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from modlhmp.logs import job_log
+from modlhmp.logs import job_log, progress
 from modlhmp.scoring.summary import at_horizons, scored_horizons
 from modlhmp.scoring.ttests import compare
 from modlhmp.storage import provenance, write_parquet
@@ -12,7 +12,10 @@ from modlhmp.storage import provenance, write_parquet
 with job_log(snakemake.log[0]) as log:
     dataset = snakemake.params.dataset
     horizons = scored_horizons(snakemake.params.horizons, dataset)
-    errors = {Path(file).stem: at_horizons(file, horizons, dataset["time_step_s"]) for file in snakemake.input}
+    errors = {
+        Path(file).stem: at_horizons(file, horizons, dataset["time_step_s"])
+        for file in progress(snakemake.input, desc="methods")
+    }
     tests = compare(dataset["name"], errors, snakemake.params.pairs, horizons)
     log.info("%d tests", len(tests))
     origin = provenance(dict(snakemake.wildcards), dict(snakemake.params), snakemake.input)

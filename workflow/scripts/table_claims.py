@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from modlhmp.forecasting.observe import seconds_after_t0
-from modlhmp.logs import job_log
+from modlhmp.logs import job_log, progress
 from modlhmp.paper.claims import Evidence, claim_horizons, idle_keys, test_claims, write_claims
 from modlhmp.scoring.summary import at_horizons
 from modlhmp.tracks import read_tracks
@@ -18,7 +18,7 @@ with job_log(snakemake.log[0]) as log:
         def reduced(file, horizons=horizons, step_s=dataset["time_step_s"]):
             return at_horizons(file, horizons, step_s)
 
-        errors = {file.stem: reduced(file) for file in mine if file.parent.name == "errors"}
+        errors = {file.stem: reduced(file) for file in progress(mine, desc="files") if file.parent.name == "errors"}
         studies = {
             folder.name: {float(file.stem): reduced(file) for file in folder.glob("*.parquet")}
             for folder in mine
