@@ -9,7 +9,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-ROWS_TOGETHER = 1 << 16  # of a table: a large one can be read piece by piece
 _PROVENANCE = b"modlhmp"
 _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
@@ -33,7 +32,7 @@ def write_pieces(tables, path, **provenance):
     schema = table.schema.with_metadata({**(table.schema.metadata or {}), **provenance_metadata(**provenance)})
     with atomic_path(path) as temporary, pq.ParquetWriter(temporary, schema, **packing(schema)) as writer:
         while table is not None:
-            writer.write_table(table.replace_schema_metadata(schema.metadata), row_group_size=ROWS_TOGETHER)
+            writer.write_table(table.replace_schema_metadata(schema.metadata))
             table = next(tables, None)
 
 
@@ -58,6 +57,8 @@ def column(table, name):
     Not by `to_numpy`, which imports pandas: 0.15 s and 50 MB of every job.
     """
     values = table[name].combine_chunks()
+    if values.null_count:
+        raise DataError(f"column {name}: {values.null_count} of {len(values)} values are missing; remake the file")
     return np.from_dlpack(values.flatten() if pa.types.is_nested(values.type) else values)
 
 
@@ -70,7 +71,7 @@ def read_parquet(path, columns=None):
 
 
 def read_pieces(path, columns=None):
-    """Yield a table piece by piece, `ROWS_TOGETHER` rows at a time at most."""
+    """Yield a table in the pieces in which it was written."""
     file = pq.ParquetFile(path)
     for group in range(file.num_row_groups):
         yield file.read_row_group(group, columns, use_threads=False)

@@ -29,7 +29,7 @@ from modlhmp.scoring.summary import (
     summarise,
 )
 from modlhmp.scoring.ttests import compare, holm, paired_test
-from modlhmp.storage import read_metadata, write_parquet
+from modlhmp.storage import read_metadata, write_parquet, write_pieces
 from modlhmp.tracks import Tracks, concatenate, empty_tracks
 
 FEW = settings(max_examples=30, deadline=None, derandomize=True)
@@ -369,9 +369,10 @@ def saved(tables, path):
     return read_errors(path)
 
 
-def test_a_file_in_pieces_is_read_as_one(tables, errors, tmp_path, monkeypatch):
-    monkeypatch.setattr("modlhmp.storage.ROWS_TOGETHER", 17)
-    pieces = saved(tables, tmp_path / "errors.parquet")
+def test_a_file_in_pieces_is_read_as_one(tables, errors, tmp_path):
+    whole = pa.concat_tables(tables)
+    write_pieces([whole.slice(n, 17) for n in range(0, len(whole), 17)], tmp_path / "errors.parquet")
+    pieces = read_errors(tmp_path / "errors.parquet")
     assert pieces.keys() == errors.keys()
     for key, one in errors.items():
         for part, other in zip(pieces[key], one, strict=True):

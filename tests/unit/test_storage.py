@@ -4,7 +4,16 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from modlhmp.storage import column, packing, read_metadata, read_parquet, read_pieces, write_parquet, write_pieces
+from modlhmp.storage import (
+    DataError,
+    column,
+    packing,
+    read_metadata,
+    read_parquet,
+    read_pieces,
+    write_parquet,
+    write_pieces,
+)
 
 
 def table(n=5000, seed=0):
@@ -49,8 +58,7 @@ def test_columns_are_arrays_of_their_type(name):
     np.testing.assert_array_equal(column(in_pieces, name), expected)
 
 
-def test_pieces_make_one_table_and_are_taken_as_they_come(tmp_path, monkeypatch):
-    monkeypatch.setattr("modlhmp.storage.ROWS_TOGETHER", 1000)
+def test_pieces_make_one_table_and_are_taken_as_they_come(tmp_path):
     whole, taken = table(), []
 
     def pieces():
@@ -65,7 +73,7 @@ def test_pieces_make_one_table_and_are_taken_as_they_come(tmp_path, monkeypatch)
     assert got["name"].to_pylist() == whole["name"].to_pylist()
     assert read_metadata(tmp_path / "t.parquet") == {"seed": 3}
     again = list(read_pieces(tmp_path / "t.parquet", ["id", "path"]))
-    assert [len(piece) for piece in again] == [1000, 700, 1, 1000, 1000, 1000, 299]
+    assert [len(piece) for piece in again] == [1700, 1, 3299]
     for name in ("id", "path"):
         np.testing.assert_array_equal(np.concatenate([column(piece, name) for piece in again]), column(whole, name))
 
@@ -78,6 +86,12 @@ def test_pieces_that_fail_leave_no_file(tmp_path):
     with pytest.raises(RuntimeError, match="stopped"):
         write_pieces(pieces(), tmp_path / "t.parquet")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_column_with_gaps_is_refused():
+    gaps = pa.table({"x": pa.array([1.0, None, 3.0])})
+    with pytest.raises(DataError, match="column x: 1 of 3 values are missing"):
+        column(gaps, "x")
 
 
 def test_paths_take_less_than_plain_zstd(tmp_path):

@@ -24,9 +24,9 @@ with job_log(snakemake.log[0]) as log:
             for folder in mine
             if folder.parent.name == "studies"
         }
-        tracks = {file.stem: read_tracks(file) for file in mine if file.parent.name == "tracks"}
-        lengths = seconds_after_t0(tracks.values(), dataset["observed_rows"])
-        idle = idle_keys(tracks, dataset["observed_rows"])
+        recordings, seen = [file for file in mine if file.parent.name == "tracks"], dataset["observed_rows"]
+        lengths = seconds_after_t0(map(read_tracks, recordings), seen)
+        idle = frozenset().union(*(idle_keys(file.stem, read_tracks(file), seen) for file in recordings))
         runtime = next((json.loads(file.read_text()) for file in mine if file.name == "runtime.json"), None)
         evidence.append(Evidence(dataset, horizons, errors, studies, lengths, idle, runtime))
     table = test_claims(evidence, params.titles, params.kinds)

@@ -1,5 +1,7 @@
 """Forecasting: methods by kind, and the file form of their forecasts."""
 
+import itertools
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,7 +20,7 @@ from modlhmp.maps.episodes import EpisodeMap
 from modlhmp.maps.exits import WithExits
 from modlhmp.maps.pieces import Metric, vector_mean
 from modlhmp.maps.snippets import SnippetMap
-from modlhmp.storage import atomic_path, column, packing, provenance_metadata, read_metadata
+from modlhmp.storage import column, read_metadata, write_parquet, write_pieces
 from modlhmp.tracks import together, usable_tracks
 
 STORED = 20  # of the samples behind a median; all of them would be gigabytes
@@ -135,32 +137,23 @@ def _first_futures(forecasts):
 
 def write_forecasts(path, forecasts, **provenance):
     """Write forecasts as they come, one row a track and seed and one row group a block."""
-    with atomic_path(path) as temporary:
-        writer = None
-        try:
-            for seed, track_ids, forecast in forecasts:
-                _, k, steps, _ = forecast.xy.shape
-                table = pa.table(
-                    {
-                        "track_id": track_ids,
-                        "seed": np.full(len(track_ids), seed, np.int32),
-                        "xy": _lists(forecast.xy, k * steps * 2),
-                        "log_fitness": _lists(forecast.log_fitness, k * steps),
-                        "steps_alive": _lists(forecast.steps_alive, k),
-                    }
-                )
-                if writer is None:
-                    shape = {"output": forecast.output, "k": k, "steps": steps}
-                    metadata = provenance_metadata(**provenance, **shape)
-                    schema = table.schema.with_metadata(metadata)
-                    writer = pq.ParquetWriter(temporary, schema, **packing(schema))
-                writer.write_table(table, row_group_size=max(len(track_ids), 1))
-            if writer is None:  # the average of files without a row
-                shape = provenance_metadata(**provenance, output="single", k=1, steps=0)
-                pq.write_table(pa.table({"track_id": pa.array([], pa.int64())}, metadata=shape), temporary)
-        finally:
-            if writer is not None:
-                writer.close()
+    forecasts = iter(forecasts)
+    first = next(forecasts, None)
+    if first is None:  # the average of files without a row
+        write_parquet({"track_id": np.empty(0, np.int64)}, path, **provenance, output="single", k=1, steps=0)
+        return
+    _, k, steps, _ = first[2].xy.shape
+    tables = (_table(*block) for block in itertools.chain([first], forecasts))
+    write_pieces(tables, path, **provenance, output=first[2].output, k=k, steps=steps)
+
+
+def _table(seed, track_ids, forecast):
+    """A block of forecasts as a table."""
+    columns = {"track_id": track_ids, "seed": np.full(len(track_ids), seed, np.int32)}
+    for name in ("xy", "log_fitness", "steps_alive"):
+        values = getattr(forecast, name)
+        columns[name] = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), int(np.prod(values.shape[1:])))
+    return pa.table(columns)
 
 
 def read_forecasts(path):
@@ -178,7 +171,3 @@ def read_forecasts(path):
             xy.reshape(n, k, steps, 2), fitness.reshape(n, k, steps), alive.reshape(n, k), shape["output"]
         )
         yield table["seed"][0].as_py(), column(table, "track_id"), forecast
-
-
-def _lists(array, size):
-    return pa.FixedSizeListArray.from_arrays(pa.array(array.ravel()), size)

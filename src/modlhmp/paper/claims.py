@@ -79,13 +79,10 @@ def claim_horizons(dataset, table_horizons):
     return sorted({*scored_horizons(table_horizons, dataset), half, longest, *([short] if short <= longest else [])})
 
 
-def idle_keys(recordings, observed_rows):
-    """Keys "recording/track" of the usable tracks of {recording: Tracks} who stand about, by `IDLE`."""
-    keys = []
-    for name, tracks in recordings.items():
-        rows = usable_tracks(tracks, observed_rows)
-        keys += [f"{name}/{track}" for track in tracks.track_id[rows[is_idle(tracks, rows, *IDLE), 0]]]
-    return frozenset(keys)
+def idle_keys(name, tracks, observed_rows):
+    """Keys "recording/track" of a recording's usable tracks who stand about, by `IDLE`."""
+    rows = usable_tracks(tracks, observed_rows)
+    return {f"{name}/{track}" for track in tracks.track_id[rows[is_idle(tracks, rows, *IDLE), 0]]}
 
 
 def test_claims(evidence, titles, kinds):
