@@ -22,7 +22,7 @@ import yaml
 from modlhmp.cleaning import clean_recording
 from modlhmp.demo import RECORDINGS, write_recording
 from modlhmp.forecasting import forecast_recording, make_forecaster
-from modlhmp.forecasting.base import stream_keys, uniforms
+from modlhmp.forecasting.base import Forecast, stream_keys, uniforms
 from modlhmp.forecasting.observe import current_velocity, observe, usable_tracks
 from modlhmp.maps import cliff, episodes, map_path, mean_shift, snippets, stef, swgmm
 from modlhmp.maps.pieces import Metric
@@ -176,7 +176,7 @@ def other_maps(train, dataset, folder):
     for kind, build in (("episodes", episodes.build), ("snippets", snippets.build)):
         taken = seconds(lambda build=build: build(train, dataset["time_step_s"]))
         write_parquet(build(train, dataset["time_step_s"]), map_path(folder, kind))
-        yield Row(f"{kind} map of the day", taken, "s", 2.0, 1.0)
+        yield Row(f"{kind} map of the day", taken, "s")
 
 
 def plain_cell(rows, timezone):
@@ -189,7 +189,7 @@ def roll_outs(test, dataset, folder):
     """Ranked roll-outs to the longest horizon, observing included, milliseconds a track."""
     for kind, goals in (("tc_cliff", (0.05, 0.02)), ("cliff", (None, None)), ("stef", (0.05, 0.02))):
         run, options = forecaster(test, kind, dataset, folder)
-        taken = seconds(run) / n_tracks(test, dataset)
+        taken = seconds(run) / run()
         path = map_path(folder, kind)
         plain = plain_roll_out(test, read_parquet(path / "13.parquet" if path.is_dir() else path), kind, dataset)
         name = f"roll-out {kind}, k = {options['k']}, {dataset['horizon_s']} s, a track"
@@ -227,7 +227,7 @@ def with_memory(train, test, dataset, folder):
 
     for kind, goals in (("episodes", (0.5, 0.2)), ("snippets", (2.0, 1.0))):
         run, options = forecaster(test, kind, dataset, folder)
-        taken = seconds(run, repeat=3) / n_tracks(test, dataset)
+        taken = seconds(run, repeat=3) / run()
         metric = Metric(*(options[name] for name in Metric._fields))
         table = read_parquet(map_path(folder, kind))
         if kind == "episodes":
@@ -248,20 +248,19 @@ def with_memory(train, test, dataset, folder):
 
 
 def forecaster(test, kind, dataset, folder):
-    """Function that forecasts all test tracks with the configuration's options, and those; it has run once."""
+    """Function that forecasts all test tracks with the configuration's options, and those; it has run once.
+
+    It returns the number of tracks. Like a job it keeps no forecast longer than it takes to write it.
+    """
     options = method_settings(CONFIG, kind, dataset["tuned"])["options"]
     made = make_forecaster(kind, options, dataset, map_path(folder, kind))
 
     def run():
-        return list(forecast_recording(test, made, dataset, ("bench", kind, "test"), options["k"], [0]))
+        names = ("bench", kind, "test")
+        return sum(len(ids) for _, ids, _ in forecast_recording(test, made, dataset, names, options["k"], [0]))
 
     run()
     return run, options
-
-
-def n_tracks(test, dataset):
-    """How many tracks are forecast."""
-    return len(usable_tracks(test, dataset["observed_rows"]))
 
 
 def reading(folder):
@@ -312,15 +311,17 @@ def read_alone(path, reader):
 
 def scoring(test, dataset, folder, tracks=10_000):
     """Both protocols on so many tracks of five ranked futures each."""
-    run, _ = forecaster(test, "tc_cliff", dataset, folder)
-    [(_, ids, forecast)] = run()
+    options = method_settings(CONFIG, "tc_cliff", dataset["tuned"])["options"]
+    made = make_forecaster("tc_cliff", options, dataset, map_path(folder, "tc_cliff"))
+    blocks = list(forecast_recording(test, made, dataset, ("bench", "tc_cliff", "test"), options["k"], [0]))
+    ids = np.concatenate([some for _, some, _ in blocks])
+    forecast = Forecast(*map(np.concatenate, zip(*(one[:3] for *_, one in blocks), strict=True)), "ranked")
     times = -(-tracks // len(ids))
     shift = np.arange(times) * (test.track_id.max() + 1)
     usable = test.take(np.isin(test.track_id, ids))
     many = concatenate(usable._replace(track_id=usable.track_id + by) for by in shift)
-    made = [(0, np.concatenate([ids + by for by in shift]), type(forecast)(
-        *(np.concatenate([part] * times) for part in forecast[:3]), forecast.output))]  # fmt: skip
-    taken = seconds(score_recording, many, made, "test", dataset) * tracks / len(made[0][1])
+    made = [(0, ids + by, forecast) for by in shift]
+    taken = seconds(score_recording, many, made, "test", dataset) * tracks / (times * len(ids))
     rows, steps = usable_tracks(test)[:3], forecast.xy.shape[2]
     truth, length = ground_truth(test, rows, 4, steps)
     start = time.perf_counter()
