@@ -46,7 +46,8 @@ DAY_MB = 500  # the paper's raw ATC days
 SITES = {"atc": ("hall", 20.0), "edinburgh": ("forum", 2.0)}
 FREE_MB = 8000  # at size 1: recordings of 5,300 MB, results, room to spare
 STAGES = {"clean": "cleaning", "build": "maps", "forecast": "forecasts", "score": "scores", "measure": "distributions",
-          "table": "tables", "figure": "figures"}  # fmt: skip
+          "compare": "tables", "summarise": "tables", "table": "tables", "figure": "figures"}  # fmt: skip
+STAGE_NAMES = tuple(dict.fromkeys(STAGES.values()))
 PEAK_MB = 2000  # no rule above
 START = [sys.executable, "-c", "import modlhmp.forecasting, modlhmp.scoring"]
 WATCH_EVERY_S = 0.1
@@ -246,7 +247,7 @@ def exponents(runs):
     sizes = [run["size"] for run in runs]
     grown = {"wall time": [run["wall_s"] for run in runs], "time of all jobs": [run["jobs_s"] for run in runs]}
     for what, key in (("time", "s"), ("memory", "peak_mb")):
-        grown |= {f"{what} of {stage}": [run["stages"][stage][key] for run in runs] for stage in STAGES.values()}
+        grown |= {f"{what} of {stage}": [run["stages"][stage][key] for run in runs] for stage in STAGE_NAMES}
     return {
         name: {
             "exponent": exponent(sizes, values),
@@ -317,7 +318,7 @@ def draw(found):
     label = with_exponent("wall time", found["exponents"]["wall time"])
     both[0].plot(sizes, numbers["wall time"], color="black", linewidth=1.8, marker="o", markersize=3, label=label)
     for axes, what, key in zip(both, ("time", "memory"), ("s", "peak_mb"), strict=True):
-        for position, stage in enumerate(STAGES.values()):
+        for position, stage in enumerate(STAGE_NAMES):
             name = f"{what} of {stage}"
             numbers[name] = [run["stages"][stage][key] for run in runs]
             label = with_exponent(stage, found["exponents"][name])
