@@ -11,7 +11,6 @@ watched from here: its seconds, and its peak resident memory as the kernel has i
 import argparse
 import json
 import os
-import platform
 import re
 import shutil
 import subprocess
@@ -31,7 +30,7 @@ from tqdm import tqdm
 from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.demo import write_recording
 from modlhmp.paper.style import PAGE_MM, figure, method_style, save
-from modlhmp.scoring.runtime import exponent
+from modlhmp.scoring import runtime
 from modlhmp.settings import averaged_parts
 from modlhmp.storage import write_text
 
@@ -91,14 +90,8 @@ def start_up():
 
 def machine(cores):
     """Public features of the machine, and the cores that were used of it."""
-    models = re.findall(r"model name\s*: (.*)", Path("/proc/cpuinfo").read_text())
-    return {
-        "cpu": models[0] if models else platform.machine(),
-        "cores": os.cpu_count(),
-        "cores_used": cores,
-        "memory_gb": round(psutil.virtual_memory().total / 1e9, 1),
-        "python": platform.python_version(),
-    }
+    memory_gb = round(psutil.virtual_memory().total / 1e9, 1)
+    return {**runtime.machine(), "cores_used": cores, "memory_gb": memory_gb}
 
 
 def check_disk(folder, size):
@@ -250,7 +243,7 @@ def exponents(runs):
         grown |= {f"{what} of {stage}": [run["stages"][stage][key] for run in runs] for stage in STAGE_NAMES}
     return {
         name: {
-            "exponent": exponent(sizes, values),
+            "exponent": runtime.exponent(sizes, values),
             "last_step": float(np.log(values[-1] / values[-2]) / np.log(sizes[-1] / sizes[-2])) if runs[1:] else np.nan,
         }
         for name, values in grown.items()

@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import numpy as np
+
 from modlhmp.forecasting.observe import seconds_after_t0
 from modlhmp.logs import job_log, progress
 from modlhmp.paper.claims import Evidence, claim_horizons, idle_keys, test_claims, write_claims
@@ -24,11 +26,13 @@ with job_log(snakemake.log[0]) as log:
             for folder in mine
             if folder.parent.name == "studies"
         }
-        recordings, seen = [file for file in mine if file.parent.name == "tracks"], dataset["observed_rows"]
-        lengths = seconds_after_t0(map(read_tracks, recordings), seen)
-        idle = frozenset().union(*(idle_keys(file.stem, read_tracks(file), seen) for file in recordings))
+        lengths, idle, seen = [], set(), dataset["observed_rows"]
+        for file in (file for file in mine if file.parent.name == "tracks"):
+            tracks = read_tracks(file)
+            lengths.append(seconds_after_t0([tracks], seen))
+            idle |= idle_keys(file.stem, tracks, seen)
         runtime = next((json.loads(file.read_text()) for file in mine if file.name == "runtime.json"), None)
-        evidence.append(Evidence(dataset, horizons, errors, studies, lengths, idle, runtime))
+        evidence.append(Evidence(dataset, horizons, errors, studies, np.concatenate(lengths), frozenset(idle), runtime))
     table = test_claims(evidence, params.titles, params.kinds)
     log.info("%s", table["verdict"].value_counts().to_dict())
     demo = any(dataset["demo"] for dataset in params.datasets)
