@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from modlhmp.baselines import mid
-from modlhmp.baselines.data import Scenes, day_of, scenes_at
-from modlhmp.baselines.network import track_ade
-from modlhmp.baselines.training import build_network
-from modlhmp.baselines.trajectronpp import mixture_log_density, moments_of
-from modlhmp.forecasting.base import stream_keys
+from modlhmp.networks import mid
+from modlhmp.networks.data import Scenes, day_of, scenes_at
+from modlhmp.networks.network import track_ade
+from modlhmp.networks.training import build_network
+from modlhmp.networks.trajectronpp import mixture_log_density, moments_of
+from modlhmp.streams import stream_keys
 from modlhmp.tracks import read_tracks
 
 TRACKS, SAMPLES = 300, 5

@@ -27,12 +27,12 @@ import psutil
 import yaml
 from tqdm import tqdm
 
-from modlhmp.baselines import KINDS as LEARNED_KINDS
-from modlhmp.demo import write_recording
-from modlhmp.paper.style import PAGE_MM, figure, method_style, save
-from modlhmp.scoring import runtime
+from modlhmp.networks import KINDS as LEARNED_KINDS
 from modlhmp.settings import averaged_parts
 from modlhmp.storage import write_text
+from modlhmp.study import runtime
+from modlhmp.study.demo import write_recording
+from modlhmp.study.exhibits.style import PAGE_MM, figure, method_style, save
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "results/paper-size"

@@ -20,16 +20,17 @@ import numpy as np
 import yaml
 
 from modlhmp.cleaning import clean_recording
-from modlhmp.demo import RECORDINGS, write_recording
 from modlhmp.forecasting import forecast_recording, make_forecaster
-from modlhmp.forecasting.base import Forecast, stream_keys, uniforms
+from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.observe import current_velocity, observe, usable_tracks
 from modlhmp.maps import cliff, episodes, map_path, mean_shift, snippets, stef, swgmm
 from modlhmp.maps.pieces import Metric
-from modlhmp.scoring import runtime, score_recording
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.settings import load_dataset, method_settings
 from modlhmp.storage import column, read_parquet, write_parquet
+from modlhmp.streams import stream_keys, uniforms
+from modlhmp.study import runtime, score_recording
+from modlhmp.study.demo import RECORDINGS, write_recording
 from modlhmp.tracks import clock_hours, clock_time, concatenate, read_tracks, write_tracks
 
 ROOT = Path(__file__).parents[1]

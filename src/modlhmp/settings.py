@@ -12,11 +12,11 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 import jsonschema
 import yaml
 
-from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.cleaning import RULES
 from modlhmp.floor_plan import image_of
 from modlhmp.maps import KINDS as MAP_KINDS
 from modlhmp.maps import SAMPLED
+from modlhmp.networks import KINDS as LEARNED_KINDS
 from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.storage import DataError
 

@@ -108,17 +108,6 @@ def positions_at(tracks, rows, when, track=None):
     return np.stack([np.interp(at, axis, column[index]) for column in (tracks.x, tracks.y)], axis=-1)
 
 
-def wrap_angle(angle):
-    """Wrap angles [rad] to (-pi, pi]."""
-    wrapped = np.pi - np.mod(np.pi - angle, 2 * np.pi)
-    return np.where(wrapped <= -np.pi, np.pi, wrapped)  # rounding can reach the open end
-
-
-def circular_difference(a, b):
-    """Signed smallest difference a - b of angles [rad], in (-pi, pi]."""
-    return wrap_angle(a - b)
-
-
 def clock_hours(t, timezone):
     """Local clock hour (0-23) of unix times [s]."""
     return (np.floor(np.asarray(t, float) + clock_offsets(t, timezone)).astype(np.int64) // 3600) % 24

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from modlhmp import demo
 from modlhmp.cleaning import clean_recording
 from modlhmp.readers import read_recording
 from modlhmp.storage import DataError
+from modlhmp.study import demo
 
 DATASETS = {
     "atc": {"reader": "atc", "timezone": "Asia/Tokyo"},

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from twins import position
 
-from modlhmp.forecasting.base import uniforms
+from modlhmp.streams import uniforms
 
 HEADINGS, SLOW, STROLL, PACED, LIMITS = 8, 0.3, 0.9, 0.2, (0.5, 2.0)
 

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 from torch.distributions import Categorical, MultivariateNormal
 
-from modlhmp.baselines.data import Scenes
+from modlhmp.networks.data import Scenes
 
 torch.set_num_threads(1)
 

@@ -5,11 +5,11 @@ import pytest
 import twins
 from crowds import START, crowd, people_of, reordered, straight, walk
 
-from modlhmp.baselines.data import Day, day_of, draw_windows, observed_scene, scenes_at, training_data, training_windows
 from modlhmp.forecasting import forecast_recording
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.neighbours import MOST
 from modlhmp.forecasting.observe import usable_tracks
+from modlhmp.networks.data import Day, day_of, draw_windows, observed_scene, scenes_at, training_data, training_windows
 from modlhmp.storage import DataError
 from modlhmp.tracks import concatenate, empty_tracks
 

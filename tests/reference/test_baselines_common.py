@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from network_twins import walking, without_dropout
 
-from modlhmp.baselines import KINDS, PUBLISHED, network_class, trajectronpp
-from modlhmp.baselines.data import Day, Scenes, observed_scene, scenes_at
-from modlhmp.baselines.forecaster import network_forecaster
-from modlhmp.baselines.network import cosine, masked_mean, rotated, track_ade, trimmed
-from modlhmp.baselines.training import save_network
-from modlhmp.forecasting.base import stream_keys
 from modlhmp.forecasting.observe import Observed
+from modlhmp.networks import KINDS, PUBLISHED, network_class, trajectronpp
+from modlhmp.networks.data import Day, Scenes, observed_scene, scenes_at
+from modlhmp.networks.forecaster import network_forecaster
+from modlhmp.networks.network import cosine, masked_mean, rotated, track_ade, trimmed
+from modlhmp.networks.training import save_network
+from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks
 
 SMALL = {

@@ -8,9 +8,9 @@ import pytest
 import twins
 from scipy import stats
 
-from modlhmp import demo
 from modlhmp.maps import cliff
 from modlhmp.storage import DataError, write_parquet
+from modlhmp.study import demo
 from modlhmp.tracks import Tracks, clock_hours, concatenate
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from modlhmp.forecasting import make_forecaster
-from modlhmp.forecasting.base import stream_keys
 from modlhmp.forecasting.observe import observe, usable_tracks
 from modlhmp.forecasting.replay import replay
 from modlhmp.maps import episodes
 from modlhmp.maps.episodes import EpisodeMap
 from modlhmp.maps.pieces import Metric, features
 from modlhmp.storage import write_parquet
+from modlhmp.streams import stream_keys
 from modlhmp.tracks import clock_time, concatenate, empty_tracks
 
 METRIC = Metric(8.0, 8.0, 2.0, 0.0)

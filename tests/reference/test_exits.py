@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from modlhmp.forecasting import make_forecaster, roll_out_forecaster, velocity_at_t0
-from modlhmp.forecasting.base import stream_keys, uniforms
 from modlhmp.forecasting.median import with_median
 from modlhmp.forecasting.observe import Observed, current_velocity, observe, usable_tracks
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.maps import exits
 from modlhmp.maps.exits import PRIOR_ROWS, WithExits
 from modlhmp.storage import write_parquet
+from modlhmp.streams import stream_keys, uniforms
 from modlhmp.tracks import concatenate, empty_tracks
 
 STEPS = 12

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from modlhmp.scoring.ladder import LEAST_DAYS, bootstrap, clusters, differences, scores
 from modlhmp.scoring.protocols import PROTOCOLS
-from modlhmp.scoring.summary import at_horizons
 from modlhmp.storage import write_parquet
+from modlhmp.study.ladder import LEAST_DAYS, bootstrap, clusters, differences, scores
+from modlhmp.study.summary import at_horizons
 
 FEW = settings(max_examples=20, deadline=None, derandomize=True)
 SEEDS = st.integers(0, 10**6)

@@ -8,12 +8,12 @@ import pytest
 import torch
 from crowds import straight, walk
 
-from modlhmp.baselines import lstm, social_lstm
-from modlhmp.baselines.data import Scenes, day_of, scenes_at
-from modlhmp.baselines.network import cosine
-from modlhmp.baselines.training import train
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.observe import current_velocity, observe
+from modlhmp.networks import lstm, social_lstm
+from modlhmp.networks.data import Scenes, day_of, scenes_at
+from modlhmp.networks.network import cosine
+from modlhmp.networks.training import train
 from modlhmp.tracks import concatenate
 
 pytestmark = pytest.mark.full

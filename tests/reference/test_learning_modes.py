@@ -6,9 +6,9 @@ import pytest
 import torch
 from network_twins import OBSERVED, STEPS, without_dropout
 
-from modlhmp.baselines import network_class
-from modlhmp.baselines.data import Scenes
-from modlhmp.baselines.network import rotated
+from modlhmp.networks import network_class
+from modlhmp.networks.data import Scenes
+from modlhmp.networks.network import rotated
 
 pytestmark = pytest.mark.full
 

@@ -8,9 +8,9 @@ import torch
 from network_twins import people
 from torch.distributions import MultivariateNormal
 
-from modlhmp.baselines import lstm, social_lstm
-from modlhmp.baselines.data import Scenes
-from modlhmp.baselines.social_lstm import CELLS, LATENT, Crowd, grid_cell, pool
+from modlhmp.networks import lstm, social_lstm
+from modlhmp.networks.data import Scenes
+from modlhmp.networks.social_lstm import CELLS, LATENT, Crowd, grid_cell, pool
 
 STEPS = 12
 KEYS = torch.zeros(1, 1, dtype=torch.int64)

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from network_twins import without_dropout
 from scipy import stats
 
-from modlhmp.baselines import mid
-from modlhmp.baselines.mid import SCHEDULE, TIMES, Network, ddim, ddpm, diffused, noise_of, sinusoids
-from modlhmp.forecasting.base import stream_keys, uniforms
+from modlhmp.networks import mid
+from modlhmp.networks.mid import SCHEDULE, TIMES, Network, ddim, ddpm, diffused, noise_of, sinusoids
+from modlhmp.streams import stream_keys, uniforms
 
 
 def network(seed=0, context=8, steps=twins.STEPS, step_s=1.0):

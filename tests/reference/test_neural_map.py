@@ -11,12 +11,12 @@ from crowds import walk
 from network_twins import walking
 from scipy.interpolate import RegularGridInterpolator
 
-from modlhmp.baselines.data import day_of, observed_scene, scenes_at, whereabouts
-from modlhmp.baselines.forecaster import network_forecaster
-from modlhmp.baselines.neural_map import Grid, Network, at_pace
-from modlhmp.baselines.training import load_network, save_network, train
-from modlhmp.forecasting.base import stream_keys
 from modlhmp.forecasting.observe import Observed, kernel_weights
+from modlhmp.networks.data import day_of, observed_scene, scenes_at, whereabouts
+from modlhmp.networks.forecaster import network_forecaster
+from modlhmp.networks.neural_map import Grid, Network, at_pace
+from modlhmp.networks.training import load_network, save_network, train
+from modlhmp.streams import stream_keys
 from modlhmp.tracks import concatenate
 
 CELL_M, HEADINGS, CHANNELS = 2.5, 8, 3

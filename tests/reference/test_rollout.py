@@ -9,7 +9,7 @@ import twins
 from scipy import stats
 
 from modlhmp.forecasting import forecast_recording
-from modlhmp.forecasting.base import Forecast, stream_keys, uniforms
+from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import with_median
 from modlhmp.forecasting.observe import Observed, current_velocity, kernel_weights, observe, usable_tracks
@@ -18,6 +18,7 @@ from modlhmp.maps.base import HourlyMod
 from modlhmp.maps.cliff import COLUMNS as CLIFF_COLUMNS
 from modlhmp.maps.cliff import CliffMap
 from modlhmp.maps.stef import StefMap
+from modlhmp.streams import stream_keys, uniforms
 from modlhmp.tracks import Tracks
 
 NAMES = ("hall", "cliff", "day1")

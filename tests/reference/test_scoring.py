@@ -19,7 +19,10 @@ from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.scoring import score_recording
 from modlhmp.scoring.errors import displacement_errors, enters_occupied, ground_truth, is_idle
 from modlhmp.scoring.protocols import PROTOCOLS, score
-from modlhmp.scoring.summary import (
+from modlhmp.scoring.ttests import holm, paired_test
+from modlhmp.storage import read_metadata, write_parquet, write_pieces
+from modlhmp.study.comparisons import compare
+from modlhmp.study.summary import (
     Errors,
     at_horizons,
     at_own_length,
@@ -28,8 +31,6 @@ from modlhmp.scoring.summary import (
     scored_horizons,
     summarise,
 )
-from modlhmp.scoring.ttests import compare, holm, paired_test
-from modlhmp.storage import read_metadata, write_parquet, write_pieces
 from modlhmp.tracks import Tracks, concatenate, empty_tracks
 
 FEW = settings(max_examples=30, deadline=None, derandomize=True)

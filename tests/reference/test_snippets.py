@@ -12,13 +12,13 @@ import pytest
 from scipy import stats
 
 from modlhmp.forecasting import make_forecaster
-from modlhmp.forecasting.base import stream_keys, uniform, uniforms
 from modlhmp.forecasting.chain import chain
 from modlhmp.forecasting.observe import observe, usable_tracks
 from modlhmp.maps import snippets
 from modlhmp.maps.pieces import Metric
 from modlhmp.maps.snippets import SnippetMap
 from modlhmp.storage import write_parquet
+from modlhmp.streams import stream_keys, uniform, uniforms
 from modlhmp.tracks import clock_time, concatenate, empty_tracks
 
 METRIC = Metric(8.0, 8.0, 2.0, 0.0)

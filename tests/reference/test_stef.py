@@ -6,9 +6,9 @@ import pytest
 import twins
 from scipy import stats
 
-from modlhmp import demo
 from modlhmp.maps import fremen, stef
 from modlhmp.storage import DataError, write_parquet
+from modlhmp.study import demo
 from modlhmp.tracks import Tracks, concatenate
 
 DAY = 86400.0

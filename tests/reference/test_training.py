@@ -9,10 +9,11 @@ import pytest
 import torch
 from crowds import crowd, straight
 
-from modlhmp.baselines import KINDS, forecaster, lstm, training
-from modlhmp.baselines.data import Scenes, day_of
-from modlhmp.baselines.forecaster import network_forecaster
-from modlhmp.baselines.training import (
+from modlhmp.forecasting import forecast_recording
+from modlhmp.networks import KINDS, forecaster, lstm, training
+from modlhmp.networks.data import Scenes, day_of
+from modlhmp.networks.forecaster import network_forecaster
+from modlhmp.networks.training import (
     batches,
     build_network,
     choose_device,
@@ -21,7 +22,6 @@ from modlhmp.baselines.training import (
     train,
     validate,
 )
-from modlhmp.forecasting import forecast_recording
 from modlhmp.storage import DataError
 from modlhmp.tracks import concatenate, empty_tracks
 

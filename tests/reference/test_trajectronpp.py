@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from network_twins import without_dropout
 from torch.distributions import Categorical, MixtureSameFamily, MultivariateNormal
 
-from modlhmp.baselines import trajectronpp
-from modlhmp.baselines.trajectronpp import (
+from modlhmp.networks import trajectronpp
+from modlhmp.networks.trajectronpp import (
     Encoder,
     Network,
     annealed,

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from network_twins import without_dropout
 
-from modlhmp.baselines import tutr
-from modlhmp.baselines.tutr import Network, extended, mode_distance, motion_modes, own_frame
+from modlhmp.networks import tutr
+from modlhmp.networks.tutr import Network, extended, mode_distance, motion_modes, own_frame
 
 KEYS = torch.zeros(6, 1, dtype=torch.int64)
 

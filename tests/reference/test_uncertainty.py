@@ -13,7 +13,6 @@ from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.median import with_median
 from modlhmp.scoring.protocols import score
-from modlhmp.scoring.reliability import calibration, read_uncertainty, reliability, summarise
 from modlhmp.scoring.uncertainty import (
     energy_score,
     measures,
@@ -24,6 +23,7 @@ from modlhmp.scoring.uncertainty import (
     still_there,
 )
 from modlhmp.storage import write_parquet
+from modlhmp.study.reliability import calibration, read_uncertainty, reliability, summarise
 from modlhmp.tracks import Tracks, concatenate
 
 SEEDS = st.integers(0, 10**6)

@@ -17,9 +17,9 @@ import numpy as np
 import yaml
 from scipy.stats import multivariate_normal
 
-from modlhmp import demo
 from modlhmp.cleaning import clean_recording
 from modlhmp.settings import DATASET_DEFAULTS
+from modlhmp.study import demo
 
 TWO_PI = 2.0 * math.pi
 WINDINGS = (-1, 0, 1)

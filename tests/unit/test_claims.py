@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from modlhmp.paper import claims
-from modlhmp.scoring.summary import Errors
+from modlhmp.study import claims
+from modlhmp.study.summary import Errors
 
 HALL = {
     "title": "Hall",

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from modlhmp.angles import circular_difference
 from modlhmp.cleaning import (
     BLOCK_S,
     RULES,
@@ -15,7 +16,7 @@ from modlhmp.cleaning import (
     interpolate,
 )
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, circular_difference, concatenate, empty_tracks
+from modlhmp.tracks import Tracks, concatenate, empty_tracks
 
 SCALE = 0.0247
 T0 = 1_277_971_200.0

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from modlhmp import demo
 from modlhmp.cleaning import clean_recording
 from modlhmp.readers import atc, columns, delimited, raw, read_recording
 from modlhmp.storage import DataError
+from modlhmp.study import demo
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "px": 0.0247}
 SECONDS = {"s": 1.0, "ms": 0.001, "frame": 1 / 9}

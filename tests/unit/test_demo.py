@@ -9,7 +9,7 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from modlhmp import demo
+from modlhmp.study import demo
 
 SEED = 3
 HALL_DAY = next(r.day for r in demo.RECORDINGS if (r.site, r.split) == ("hall", "test"))

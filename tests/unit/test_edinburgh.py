@@ -5,10 +5,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from modlhmp import demo
 from modlhmp.cleaning import clean_recording
 from modlhmp.readers import edinburgh, raw
 from modlhmp.storage import DataError
+from modlhmp.study import demo
 
 RATE, SCALE, ORIGIN = 9.0, 0.0247, 1_277_971_200.0
 

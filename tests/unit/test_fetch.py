@@ -14,8 +14,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from modlhmp import fetch as fetching
 from modlhmp.storage import DataError
+from modlhmp.study import fetch as fetching
 
 BODY = random.Random(5).randbytes(300_000)
 SUM = hashlib.sha256(BODY).hexdigest()
@@ -341,7 +341,7 @@ def test_known_sum_needs_no_writable_folder(path, part, tmp_path):
 def test_recording_from_several_processes_keeps_all_lines(tmp_path):
     (tmp_path / "day.csv").write_bytes(BODY[:100])
     program = (
-        "import sys; from modlhmp.fetch import check_sum\n"
+        "import sys; from modlhmp.study.fetch import check_sum\n"
         "print('ready', flush=True); sys.stdin.readline()\n"
         "for i in range(40): check_sum('day.csv', f'{sys.argv[1]}/{i}', sums='sums.txt')"
     )

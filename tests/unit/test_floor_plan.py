@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from modlhmp.demo import RECORDINGS, write_floor_plan, write_recording
 from modlhmp.floor_plan import FREE, OCCUPIED, UNKNOWN, FloorPlan, load_floor_plan, occupied_depth, value_at
 from modlhmp.readers import read_recording
 from modlhmp.storage import DataError
+from modlhmp.study.demo import RECORDINGS, write_floor_plan, write_recording
 
 YAML = (
     "image: plan.pgm\nresolution: 0.5\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

@@ -67,7 +67,7 @@ def test_an_edited_constant_of_kernels_has_another(package, tmp_path):
     assert cache_of(copy, tmp_path / "cache") != before
 
 
-@pytest.mark.parametrize("name", ["settings.py", "paper/style.py", "baselines/lstm.py"])
+@pytest.mark.parametrize("name", ["settings.py", "study/exhibits/style.py", "networks/lstm.py"])
 def test_an_edit_elsewhere_compiles_nothing_again(package, tmp_path, name):
     copy = package()
     before = cache_of(copy, tmp_path / "cache")

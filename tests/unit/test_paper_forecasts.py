@@ -7,10 +7,10 @@ import pytest
 
 from modlhmp.forecasting import write_forecasts
 from modlhmp.forecasting.base import Forecast
-from modlhmp.paper import example_forecasts, paths, ranked_forecasts, style
-from modlhmp.paper.selection import Example, errors_at, example_track
 from modlhmp.scoring import score_recording
 from modlhmp.storage import write_parquet
+from modlhmp.study.exhibits import example_forecasts, paths, ranked_forecasts, style
+from modlhmp.study.exhibits.selection import Example, errors_at, example_track
 from modlhmp.tracks import Tracks, write_tracks
 
 HALL = {"name": "hall", "title": "Hall", "label": "atc", "reader": "atc", "observed_rows": 4, "horizon_s": 60.0,

@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from matplotlib import image
 
-from modlhmp.paper import ladder, style
-from modlhmp.paper.ladder_table import write_ladder
-from modlhmp.scoring.ladder import DIFFERENCES, SCORES
 from modlhmp.scoring.protocols import PROTOCOLS
+from modlhmp.study.exhibits import ladder_figure, style
+from modlhmp.study.exhibits.ladder_table import write_ladder
+from modlhmp.study.ladder import DIFFERENCES, SCORES
 
 HALL = {"name": "hall", "title": "My hall", "label": "hall", "demo": True}
 YARD = {"name": "yard", "title": "Yard", "label": "yard", "demo": False}
@@ -193,7 +193,7 @@ def drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(style.plt, "close", shown.append)
 
     def draw(scores, datasets, with_memory=("snippets", "hybrid"), rungs=LADDER):
-        ladder.draw(scores, datasets, rungs, TITLES, with_memory, str(tmp_path / "f"))
+        ladder_figure.draw(scores, datasets, rungs, TITLES, with_memory, str(tmp_path / "f"))
         assert image.imread(tmp_path / "f.png").std() > 0
         return shown[-1], pd.read_csv(tmp_path / "f.csv")
 
@@ -246,7 +246,7 @@ def test_rungs_stand_from_top_to_bottom_at_their_complete_errors(drawn):
 def test_colours_tell_the_reference_and_the_maps_with_memory(drawn):
     fig, _ = drawn(scored(), [HALL])
     colours = [line.get_color() for line in fig.axes[0].lines if line.get_marker() == "o"]
-    assert colours == [ladder.COLOURS[kind] for kind in ("before", "reference", "ours", "ours")]
+    assert colours == [ladder_figure.COLOURS[kind] for kind in ("before", "reference", "ours", "ours")]
 
 
 def test_a_reference_that_is_no_rung_is_a_line(tmp_path, drawn):

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 from modlhmp.maps import cliff
-from modlhmp.paper import cliff_hours, map_panels, mod_comparison, one_location, stef_hours, style
 from modlhmp.storage import write_parquet
+from modlhmp.study.exhibits import cliff_hours, map_panels, mod_comparison, one_location, stef_hours, style
 
 HALL = {"name": "hall", "title": "Hall", "label": "atc", "reader": "atc", "hours": [9, 12], "figure_hours": [9, 10, 11],
         "floor_plan": [], "demo": True}  # fmt: skip

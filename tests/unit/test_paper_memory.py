@@ -10,9 +10,9 @@ from matplotlib.collections import LineCollection
 from modlhmp.forecasting import write_forecasts
 from modlhmp.forecasting.base import Forecast
 from modlhmp.maps import snippets
-from modlhmp.paper import memory_maps, style, training_share
 from modlhmp.scoring import score_recording
 from modlhmp.storage import write_parquet
+from modlhmp.study.exhibits import memory_maps, style, training_share
 from modlhmp.tracks import Tracks, empty_tracks, write_tracks
 
 HALL = {"name": "hall", "title": "Hall", "label": "atc", "reader": "atc", "observed_rows": 4, "horizon_s": 12.0,

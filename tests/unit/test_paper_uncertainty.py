@@ -7,10 +7,10 @@ import pytest
 from matplotlib import image
 
 from modlhmp.forecasting.base import Forecast
-from modlhmp.paper import calibration, density_maps, uncertainty_table
 from modlhmp.scoring import score_recording
 from modlhmp.scoring.uncertainty import MEASURES
 from modlhmp.storage import write_parquet
+from modlhmp.study.exhibits import calibration, density_maps, uncertainty_table
 from modlhmp.tracks import Tracks, write_tracks
 
 HALL = {"name": "hall", "title": "Hall", "label": "atc", "reader": "atc", "observed_rows": 4, "horizon_s": 12.0,

@@ -10,10 +10,10 @@ import pytest
 
 from modlhmp.forecasting import make_forecaster
 from modlhmp.maps import cliff, stef
-from modlhmp.paper import claims
-from modlhmp.paper.runtime_figure import draw
-from modlhmp.scoring.runtime import REPETITIONS, copied, exponent, measure, milliseconds_a_track, some_tracks
 from modlhmp.storage import write_parquet
+from modlhmp.study import claims
+from modlhmp.study.exhibits.runtime_figure import draw
+from modlhmp.study.runtime import REPETITIONS, copied, exponent, measure, milliseconds_a_track, some_tracks
 from modlhmp.tracks import Tracks, empty_tracks, usable_tracks, write_tracks
 
 DATASET = {"name": "hall", "title": "Hall", "label": "atc", "observed_rows": 4, "horizon_s": 12.0, "time_step_s": 1.0,
@@ -36,7 +36,7 @@ def run(tmp_path, number):
     write_tracks(people(number), tmp_path / "day.parquet")
     task = {"map": str(tmp_path / "tc_cliff"), "kind": "tc_cliff", "options": OPTIONS, "dataset": DATASET,
             "tracks": [str(tmp_path / "day.parquet")], "max_tracks": 25}  # fmt: skip
-    command = [sys.executable, "-m", "modlhmp.scoring.runtime"]
+    command = [sys.executable, "-m", "modlhmp.study.runtime"]
     return subprocess.run(command, input=json.dumps(task), capture_output=True, text=True, check=False, timeout=300)
 
 

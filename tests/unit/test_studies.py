@@ -7,10 +7,11 @@ import pytest
 
 from modlhmp.forecasting import forecast_recording, make_forecaster
 from modlhmp.maps import cliff, episodes, snippets
-from modlhmp.scoring import score_recording, studies
-from modlhmp.scoring.studies import sample_tracks, vary, vary_training
+from modlhmp.scoring import score_recording
+from modlhmp.study import studies
 from modlhmp.settings import THINNED
 from modlhmp.storage import write_parquet
+from modlhmp.study.studies import sample_tracks, vary, vary_training
 from modlhmp.tracks import Tracks
 
 DATASET = {"name": "hall", "observed_rows": 4, "horizon_s": 8.0, "time_step_s": 1.0, "timezone": "UTC",

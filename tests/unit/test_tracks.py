@@ -11,17 +11,16 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from modlhmp.angles import circular_difference, wrap_angle
 from modlhmp.storage import DataError, read_metadata, write_parquet
 from modlhmp.tracks import (
     COLUMNS,
     Tracks,
-    circular_difference,
     clock_hours,
     clock_offsets,
     concatenate,
     empty_tracks,
     read_tracks,
-    wrap_angle,
     write_tracks,
 )
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from modlhmp.paper import learning_curves, trainings
+from modlhmp.study.exhibits import learning_curves, trainings
 
 DATASETS = [{"name": "hall", "title": "Hall", "demo": False}, {"name": "forum", "title": "Forum", "demo": True}]
 METHODS = {"lstm": "LSTM", "tutr": "TUTR"}

@@ -2,8 +2,8 @@
 
 import pytest
 
-from modlhmp import versions
-from modlhmp.versions import code_version, modules_of
+from modlhmp.study import versions
+from modlhmp.study.versions import code_version, modules_of
 
 SCRIPT = """
 from modlhmp.logs import job_log
@@ -63,9 +63,11 @@ def test_the_project_s_scripts(config_folder):
     known = {file.stem: modules_of(file) for file in scripts.glob("*.py")}
     assert len(known) > 25
     assert "modlhmp.maps.mean_shift" in known["build_tc_cliff"]
-    assert "modlhmp.scoring.runtime" in known["measure_runtime"]
-    assert {"modlhmp.paper.style", "modlhmp.floor_plan"} <= known["figure_cliff_hours"]
-    assert all("modlhmp.paper.style" in modules for name, modules in known.items() if name.startswith("figure_"))
+    assert "modlhmp.study.runtime" in known["measure_runtime"]
+    assert {"modlhmp.study.exhibits.style", "modlhmp.floor_plan"} <= known["figure_cliff_hours"]
+    assert all(
+        "modlhmp.study.exhibits.style" in modules for name, modules in known.items() if name.startswith("figure_")
+    )
     for name, modules in known.items():
         if not name.startswith(("figure_", "table_")):
             assert not [module for module in modules if module.startswith("modlhmp.paper")], name

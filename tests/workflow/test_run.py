@@ -12,9 +12,9 @@ from PIL import Image
 from project import ROOT, Project
 
 from modlhmp.forecasting import STORED, read_forecasts
-from modlhmp.paper import style
-from modlhmp.scoring.summary import COLUMNS, OUTPUTS
 from modlhmp.storage import read_metadata
+from modlhmp.study.exhibits import style
+from modlhmp.study.summary import COLUMNS, OUTPUTS
 
 TINY = ("--configfile", "config/tiny.yaml")
 # What config/paper.yaml makes as well, and what it leaves out.
@@ -246,21 +246,21 @@ def test_report_holds_the_exhibits(tiny_run):
     ("module", "rules"),
     [
         ("scoring/ttests.py", {"compare_methods", "table_ttests", "table_claims", "all"}),
-        ("paper/stef_hours.py", {"figure_stef_hours", "figure_mod_comparison", "all"}),
-        ("paper/claims.py", {"table_claims", "all"}),
-        ("paper/tables.py", {"table_parameters", "table_results", "table_ttests", "all"}),
-        ("scoring/reliability.py", {"table_uncertainty", "figure_calibration", "all"}),
-        ("paper/density_maps.py", {"figure_density", "all"}),
+        ("study/exhibits/stef_hours.py", {"figure_stef_hours", "figure_mod_comparison", "all"}),
+        ("study/claims.py", {"table_claims", "all"}),
+        ("study/exhibits/tables.py", {"table_parameters", "table_results", "table_ttests", "all"}),
+        ("study/reliability.py", {"table_uncertainty", "figure_calibration", "all"}),
+        ("study/exhibits/density_maps.py", {"figure_density", "all"}),
         (
-            "scoring/studies.py",
+            "study/studies.py",
             {"study_parameter", "figure_parameters", "study_training", "figure_training", "table_claims", "all"},
         ),
-        ("scoring/ladder.py", {"climb_ladder", "table_ladder", "figure_ladder", "all"}),
-        ("paper/ladder.py", {"figure_ladder", "all"}),
-        ("paper/ladder_table.py", {"table_ladder", "all"}),
-        ("paper/memory_maps.py", {"figure_memory_maps", "all"}),
-        ("paper/training_share.py", {"figure_training", "all"}),
-        ("scoring/runtime.py", {"measure_costs", "table_ladder", "all"}),  # its study is a target of its own
+        ("study/ladder.py", {"climb_ladder", "table_ladder", "figure_ladder", "all"}),
+        ("study/exhibits/ladder_figure.py", {"figure_ladder", "all"}),
+        ("study/exhibits/ladder_table.py", {"table_ladder", "all"}),
+        ("study/exhibits/memory_maps.py", {"figure_memory_maps", "all"}),
+        ("study/exhibits/training_share.py", {"figure_training", "all"}),
+        ("study/runtime.py", {"measure_costs", "table_ladder", "all"}),  # its study is a target of its own
         ("logs.py", set()),  # how jobs report
     ],
 )
@@ -278,12 +278,12 @@ def test_an_edit_of_a_map_s_code_remakes_that_map(tiny_run, tmp_path):
 
 def test_an_edit_of_a_network_trains_that_network_alone(tiny_run, tmp_path):
     """And redoes what stands on its forecasts; MID has Trajectron++'s encoder, so an edit of that is one of both."""
-    rules = edited(tiny_run, tmp_path, "baselines/tutr.py")
+    rules = edited(tiny_run, tmp_path, "networks/tutr.py")
     assert {"train_tutr", "forecast_with_network", "score_method", "table_models", "table_results"} <= rules
     trained = {rule for rule in rules if rule.startswith("train_")}
     assert trained == {"train_tutr"}
     assert not {"forecast_method", "build_cliff", "study_parameter", "clean_recording"} & rules
-    both = edited(tiny_run, tmp_path / "again", "baselines/trajectronpp.py")
+    both = edited(tiny_run, tmp_path / "again", "networks/trajectronpp.py")
     assert {rule for rule in both if rule.startswith("train_")} == {"train_trajectronpp", "train_mid"}
 
 
@@ -298,7 +298,7 @@ def edited(tiny_run, tmp_path, module):
 def test_a_style_line_changes_all_figures(tiny_run, tmp_path):
     """Every rule that draws depends on the one style module, and nothing else does."""
     shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
-    style_file = tmp_path / "src/modlhmp/paper/style.py"
+    style_file = tmp_path / "src/modlhmp/study/exhibits/style.py"
     style_file.write_text(style_file.read_text().replace('"lines.linewidth": 1.0', '"lines.linewidth": 1.2'))
     rules = planned(tiny_run.snakemake("-n", *TINY, PYTHONPATH=str(tmp_path / "src")))
     drawing = {
@@ -321,7 +321,7 @@ def test_a_changed_option_reruns_what_reads_it(tiny_run):
 @pytest.mark.full
 def test_the_paper_s_configuration_runs_on_recordings_laid_out_like_it(tmp_path):
     """config/paper.yaml, all 55 recordings, made up by the demo under the paper's names and days."""
-    from modlhmp.demo import write_recording  # noqa: PLC0415 - only here
+    from modlhmp.study.demo import write_recording  # noqa: PLC0415 - only here
 
     project = Project(tmp_path / "project")
     for name, site in (("atc", "hall"), ("edinburgh", "forum")):

@@ -9,7 +9,7 @@ from pathlib import Path
 import yaml
 from snakemake.exceptions import WorkflowError
 
-from modlhmp.baselines import KINDS as LEARNED_KINDS
+from modlhmp.networks import KINDS as LEARNED_KINDS
 from modlhmp.maps import FOLLOWED, KINDS as MAP_KINDS, SAMPLED, map_path
 from modlhmp.settings import (
     averaged_parts,
@@ -26,7 +26,7 @@ from modlhmp.settings import (
     validation_part,
 )
 from modlhmp.storage import DataError
-from modlhmp.versions import code_version
+from modlhmp.study.versions import code_version
 
 ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parents[1]
 
@@ -91,7 +91,7 @@ def code_of(script, *modules):
 
 def network_code(script, method):
     """The same for a script that uses a method's network."""
-    return code_of(script, f"modlhmp.baselines.{METHODS[method]['kind']}")
+    return code_of(script, f"modlhmp.networks.{METHODS[method]['kind']}")
 
 
 # The keys of a dataset file that decide a stage's result; the others only name and draw.

@@ -3,7 +3,7 @@
 # INPUTS   nothing, or a dataset file's `sources`
 # OUTPUTS  raw files that are not there yet: under resources/demo, or under data_root
 # STEPS    make_demo_recording, make_demo_floor_plan | fetch_recording
-from modlhmp.demo import RECORDINGS as DEMO_RECORDINGS
+from modlhmp.study.demo import RECORDINGS as DEMO_RECORDINGS
 
 DEMO_FILES = {recording.file: recording for recording in DEMO_RECORDINGS}
 # Files that are there belong to the user: no rule may make, and so first remove, them.

@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 
 from modlhmp.cleaning import clean_recording
-from modlhmp.fetch import check_sum
 from modlhmp.logs import job_log
 from modlhmp.storage import provenance, write_text
+from modlhmp.study.fetch import check_sum
 from modlhmp.tracks import write_tracks
 
 with job_log(snakemake.log[0]) as log:

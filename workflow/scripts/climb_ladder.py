@@ -6,9 +6,9 @@ from pathlib import Path
 import pyarrow as pa
 
 from modlhmp.logs import job_log, progress
-from modlhmp.scoring.ladder import differences, scores
-from modlhmp.scoring.summary import at_horizons, scored_horizons
 from modlhmp.storage import provenance, write_parquet
+from modlhmp.study.ladder import differences, scores
+from modlhmp.study.summary import at_horizons, scored_horizons
 
 with job_log(snakemake.log[0]) as log:
     dataset, ladder, days = snakemake.params.dataset, snakemake.params.ladder, snakemake.params.days

@@ -5,9 +5,9 @@ from pathlib import Path
 import pyarrow as pa
 
 from modlhmp.logs import job_log, progress
-from modlhmp.scoring.summary import at_horizons, scored_horizons
-from modlhmp.scoring.ttests import compare
 from modlhmp.storage import provenance, write_parquet
+from modlhmp.study.comparisons import compare
+from modlhmp.study.summary import at_horizons, scored_horizons
 
 with job_log(snakemake.log[0]) as log:
     dataset = snakemake.params.dataset

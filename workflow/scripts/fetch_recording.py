@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from modlhmp.fetch import fetch, missing_message
 from modlhmp.logs import job_log
 from modlhmp.storage import DataError
+from modlhmp.study.fetch import fetch, missing_message
 
 with job_log(snakemake.log[0]) as log:
     dataset, file, path = snakemake.params.dataset, snakemake.params.file, snakemake.output[0]

@@ -3,8 +3,8 @@
 import pandas as pd
 
 from modlhmp.logs import job_log
-from modlhmp.paper.ladder import draw
 from modlhmp.storage import read_parquet
+from modlhmp.study.exhibits.ladder_figure import draw
 
 with job_log(snakemake.log[0]):
     params = snakemake.params

@@ -1,8 +1,8 @@
 """Rule figure_learning_curves."""
 
 from modlhmp.logs import job_log
-from modlhmp.paper.learning_curves import draw
-from modlhmp.paper.trainings import read_trainings
+from modlhmp.study.exhibits.learning_curves import draw
+from modlhmp.study.exhibits.trainings import read_trainings
 
 with job_log(snakemake.log[0]):
     params = snakemake.params

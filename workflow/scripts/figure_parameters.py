@@ -1,7 +1,7 @@
 """Rule figure_parameters."""
 
 from modlhmp.logs import job_log
-from modlhmp.paper.parameter_study import draw
+from modlhmp.study.exhibits.parameter_study import draw
 
 with job_log(snakemake.log[0]):
     params, stem = snakemake.params, snakemake.output.csv.removesuffix(".csv")

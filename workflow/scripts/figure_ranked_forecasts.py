@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from modlhmp.logs import job_log
-from modlhmp.paper.ranked_forecasts import draw
+from modlhmp.study.exhibits.ranked_forecasts import draw
 
 with job_log(snakemake.log[0]):
     params, folder = snakemake.params, Path(snakemake.input[0]).parents[2]  # results/{run}

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from modlhmp.logs import job_log
-from modlhmp.paper.ranking_gain import draw
+from modlhmp.study.exhibits.ranking_gain import draw
 
 with job_log(snakemake.log[0]):
     results = pd.read_csv(snakemake.input.results)

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from modlhmp.logs import job_log
-from modlhmp.paper.runtime_figure import draw
+from modlhmp.study.exhibits.runtime_figure import draw
 
 with job_log(snakemake.log[0]):
     measured = [json.loads(Path(file).read_text()) for file in snakemake.input]

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from modlhmp.baselines.forecaster import network_forecaster
 from modlhmp.forecasting import forecast_recording, write_forecasts
 from modlhmp.logs import job_log
+from modlhmp.networks.forecaster import network_forecaster
 from modlhmp.storage import provenance
 from modlhmp.tracks import read_tracks
 

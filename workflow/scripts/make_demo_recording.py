@@ -1,7 +1,7 @@
 """Rule make_demo_recording."""
 
-from modlhmp.demo import write_recording
 from modlhmp.logs import job_log
+from modlhmp.study.demo import write_recording
 
 with job_log(snakemake.log[0]) as log:
     day = snakemake.params.day

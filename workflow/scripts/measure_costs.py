@@ -3,12 +3,12 @@
 import json
 from pathlib import Path
 
-from modlhmp.baselines import KINDS as LEARNED_KINDS
 from modlhmp.forecasting import make_forecaster
 from modlhmp.logs import job_log
 from modlhmp.maps import KINDS, map_path
-from modlhmp.scoring.runtime import milliseconds_a_track, some_tracks
+from modlhmp.networks import KINDS as LEARNED_KINDS
 from modlhmp.storage import write_text
+from modlhmp.study.runtime import milliseconds_a_track, some_tracks
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
@@ -18,7 +18,7 @@ with job_log(snakemake.log[0]) as log:
     weights = {Path(file).stem: file for file in snakemake.input.weights}
     for name, method in params.methods.items():
         if method["kind"] in LEARNED_KINDS:
-            from modlhmp.baselines.forecaster import network_forecaster
+            from modlhmp.networks.forecaster import network_forecaster
 
             learned = {**method["learned"], "threads": 1}
             forecaster = network_forecaster(weights[name], method["kind"], method["options"], params.dataset, learned)

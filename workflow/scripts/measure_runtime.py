@@ -5,8 +5,8 @@ import subprocess
 import sys
 
 from modlhmp.logs import job_log
-from modlhmp.scoring import runtime
 from modlhmp.storage import DataError, write_text
+from modlhmp.study import runtime
 
 with job_log(snakemake.log[0]) as log:
     task = {**snakemake.params.task, "map": snakemake.input.map, "tracks": list(snakemake.input.tracks)}

@@ -4,9 +4,9 @@ import pyarrow as pa
 
 from modlhmp.forecasting import forecast_recording, make_forecaster, seeds_of
 from modlhmp.logs import job_log, progress
-from modlhmp.scoring.summary import scored_horizons
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.storage import DataError, provenance, write_parquet
+from modlhmp.study.summary import scored_horizons
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:

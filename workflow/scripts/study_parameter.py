@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from modlhmp.logs import job_log, progress
-from modlhmp.scoring.studies import sample_tracks, vary
 from modlhmp.storage import provenance, write_parquet
+from modlhmp.study.studies import sample_tracks, vary
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:

@@ -5,8 +5,8 @@ from pathlib import Path
 import pandas as pd
 
 from modlhmp.logs import job_log, progress
-from modlhmp.scoring.summary import read_errors, summarise
 from modlhmp.storage import write_text
+from modlhmp.study.summary import read_errors, summarise
 
 with job_log(snakemake.log[0]) as log:
     tables = []

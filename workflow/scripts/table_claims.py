@@ -7,8 +7,8 @@ import numpy as np
 
 from modlhmp.forecasting.observe import seconds_after_t0
 from modlhmp.logs import job_log, progress
-from modlhmp.paper.claims import Evidence, claim_horizons, idle_keys, test_claims, write_claims
-from modlhmp.scoring.summary import at_horizons
+from modlhmp.study.claims import Evidence, claim_horizons, idle_keys, test_claims, write_claims
+from modlhmp.study.summary import at_horizons
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:

@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 
 from modlhmp.logs import job_log
-from modlhmp.paper.ladder_table import write_ladder
 from modlhmp.storage import read_parquet
+from modlhmp.study.exhibits.ladder_table import write_ladder
 
 with job_log(snakemake.log[0]):
     params, files = snakemake.params, snakemake.input

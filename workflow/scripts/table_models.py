@@ -1,7 +1,7 @@
 """Rule table_models."""
 
 from modlhmp.logs import job_log
-from modlhmp.paper.trainings import read_trainings, write_models
+from modlhmp.study.exhibits.trainings import read_trainings, write_models
 
 with job_log(snakemake.log[0]):
     params = snakemake.params

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from modlhmp.forecasting.observe import seconds_after_t0
 from modlhmp.logs import job_log
-from modlhmp.paper.tables import write_parameters
+from modlhmp.study.exhibits.tables import write_parameters
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]):

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from modlhmp.logs import job_log
-from modlhmp.paper.tables import write_results
+from modlhmp.study.exhibits.tables import write_results
 
 with job_log(snakemake.log[0]):
     results = pd.read_csv(snakemake.input.results)

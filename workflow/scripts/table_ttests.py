@@ -3,8 +3,8 @@
 import pandas as pd
 
 from modlhmp.logs import job_log
-from modlhmp.paper.tables import write_ttests
 from modlhmp.storage import read_parquet
+from modlhmp.study.exhibits.tables import write_ttests
 
 with job_log(snakemake.log[0]):
     tests = pd.concat([read_parquet(file).to_pandas() for file in snakemake.input], ignore_index=True)

@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
-from modlhmp.baselines.data import day_of
-from modlhmp.baselines.training import save_network, train
 from modlhmp.logs import job_log
+from modlhmp.networks.data import day_of
+from modlhmp.networks.training import save_network, train
 from modlhmp.storage import provenance, write_text
 from modlhmp.tracks import read_tracks
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from modlhmp import maps
-from modlhmp.forecasting.base import Forecast, stream_keys
+from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.chain import chain
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import with_median
@@ -21,6 +21,7 @@ from modlhmp.maps.exits import WithExits
 from modlhmp.maps.pieces import Metric, vector_mean
 from modlhmp.maps.snippets import SnippetMap
 from modlhmp.storage import column, read_metadata, write_parquet, write_pieces
+from modlhmp.streams import stream_keys
 from modlhmp.tracks import together, usable_tracks
 
 STORED = 20  # of the samples behind a median; all of them would be gigabytes

@@ -8,13 +8,14 @@ CLiFF-LHMP with real velocities instead of a mixture's, conditioned on heading a
 
 import numpy as np
 
-from modlhmp.forecasting.base import Forecast, uniform
+from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import fill_medians
 from modlhmp.forecasting.observe import observed_steps, polar
 from modlhmp.forecasting.replay import between, hold, paced
 from modlhmp.kernels import kernel
 from modlhmp.maps.pieces import HEADINGS, PARTS, SLOW_M_S, features, vector_mean
+from modlhmp.streams import uniform
 from modlhmp.tracks import clock_time
 
 MOST_TRIES = 50  # of the rejection sampler, after which the most similar snippet tried is taken

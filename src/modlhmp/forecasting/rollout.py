@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from modlhmp.forecasting.base import Forecast, uniform
+from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.replay import hold
 from modlhmp.kernels import kernel
 from modlhmp.maps.base import parts
+from modlhmp.streams import uniform
 
 TWO_PI = 2.0 * np.pi
 

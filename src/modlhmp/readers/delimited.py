@@ -6,10 +6,11 @@ once reduced to the last sample of every person and time step, so memory does no
 
 import numpy as np
 
+from modlhmp.angles import wrap_angle
 from modlhmp.readers.account import Account
 from modlhmp.readers.columns import read_columns
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, concatenate, wrap_angle
+from modlhmp.tracks import Tracks, concatenate
 
 MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fault, not a walking person
 MAX_SPEED_MPS = 15.0

@@ -51,3 +51,11 @@ def enters_occupied(plan, depth, start, xy):
     inside = np.maximum.accumulate(value_at(plan, depth, xy[..., 0], xy[..., 1]) >= MIN_DEPTH_M, axis=-1)
     outside_at_start = value_at(plan, depth, start[:, 0], start[:, 1]) < MIN_DEPTH_M
     return inside & outside_at_start.reshape(-1, *[1] * (xy.ndim - 2))
+
+
+def nan_mean(values, axis):
+    """Mean over the finite values along an axis; NaN (without a warning) where there is none."""
+    finite = np.isfinite(values)
+    number = finite.sum(axis=axis)
+    total = np.where(finite, values, 0).sum(axis=axis, dtype=np.float64)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan)

@@ -1,16 +1,7 @@
 """Paired one-sided t-tests between methods: is the first one's error smaller on the same tracks?"""
 
 import numpy as np
-import pandas as pd
 from scipy import stats
-
-from modlhmp.scoring.protocols import PROTOCOLS
-from modlhmp.scoring.summary import main_output
-
-COLUMNS = (
-    "dataset", "protocol", "horizon_s", "metric", "method", "against", "output", "output_against", "n",
-    "mean_difference_m", "ci_low_m", "ci_high_m", "effect_size", "t", "p", "p_holm",
-)  # fmt: skip
 
 
 def paired_test(ours, theirs):
@@ -39,26 +30,3 @@ def holm(p):
     scaled = p[order] * np.arange(len(order), 0, -1)
     adjusted[order] = np.minimum(np.maximum.accumulate(scaled), 1.0)
     return adjusted
-
-
-def compare(dataset, errors, pairs, horizons):
-    """Test every pair of methods at every horizon, ADE and FDE, both protocols.
-
-    `errors` maps a method to what `summary.at_horizons` gives for `horizons`; `pairs` lists (method, against). Holm's
-    correction is over all tests of one dataset and protocol. Returns a DataFrame.
-    """
-    rows = []
-    for protocol in PROTOCOLS:
-        for ours, theirs in pairs:
-            outputs = [main_output({output for output, _ in errors[method]}) for method in (ours, theirs)]
-            a, b = errors[ours][outputs[0], protocol], errors[theirs][outputs[1], protocol]
-            _, at_a, at_b = np.intersect1d(a.keys, b.keys, return_indices=True)
-            for metric in ("ade", "fde"):
-                mine, other = a.by_track(metric)[at_a], b.by_track(metric)[at_b]
-                for column, horizon in enumerate(horizons):
-                    test = paired_test(mine[:, column], other[:, column])
-                    rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *test, np.nan))
-    table = pd.DataFrame(rows, columns=COLUMNS)
-    if len(table):
-        table["p_holm"] = table.groupby("protocol")["p"].transform(holm)
-    return table

@@ -9,9 +9,8 @@ import pyarrow as pa
 
 from modlhmp.forecasting.ranking import most_likely
 from modlhmp.kernels import kernel
-from modlhmp.scoring.errors import displacement_errors, ground_truth
+from modlhmp.scoring.errors import displacement_errors, ground_truth, nan_mean
 from modlhmp.scoring.protocols import longest_lived
-from modlhmp.scoring.summary import nan_mean
 from modlhmp.tracks import usable_tracks
 
 SAMPLES = 40  # of a distribution, so that every method is judged by as many

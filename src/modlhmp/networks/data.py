@@ -1,0 +1,234 @@
+"""What the networks see: people at whole time steps, each around its own position at t0.
+
+Positions are relative to the predicted person's last observed one, so none of the published networks can know where in
+the building it is; the originals are translation-invariant as well. `where` says it, and the time of day, to those that
+learn a map. Nothing after t0 is in `past` or `where`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from modlhmp.forecasting.neighbours import find_neighbours
+from modlhmp.forecasting.observe import observe
+from modlhmp.scoring.errors import ground_truth
+from modlhmp.storage import DataError
+from modlhmp.streams import stream_keys
+from modlhmp.tracks import Tracks, clock_offsets, positions_at, runs, together, usable_tracks
+
+HELD_OUT_DAYS, HELD_OUT_BLOCKS = 0.2, 0.15  # shares, of `validation: blocks`
+BLOCK_S, LEAST_BLOCKS = 1800.0, 20  # blocks are shorter where there would be too few
+
+
+class Scenes(NamedTuple):
+    """n predicted persons (index 0 of axis 1) with up to M neighbours; positions in m, float32, 0 where not `present`.
+
+    `past` [n, 1 + M, O, 2] with its last step at t0, `past_present` [n, 1 + M, O]; `future` [n, 1 + M, P, 2] and
+    `future_present` [n, 1 + M, P], the latter contiguous for the predicted person. `where` [n, 3], float32, is the
+    predicted person's x and y at t0 in m, in the dataset's axes, and t0's local clock hour, 0 to 24 with its fraction.
+    """
+
+    past: np.ndarray
+    past_present: np.ndarray
+    future: np.ndarray
+    future_present: np.ndarray
+    where: np.ndarray
+
+    def take(self, rows):
+        """Some of the scenes."""
+        return Scenes(*(part[rows] for part in self))
+
+    def lengths(self):
+        """Steps of truth of each predicted person, [n]."""
+        return self.future_present[:, 0].sum(-1)
+
+
+class Day(NamedTuple):
+    """One day's people: `tracks` of everyone, and the `rows` [n, 2] of the usable tracks of one split among them.
+
+    `timezone` is that of the clock.
+    """
+
+    tracks: Tracks
+    rows: np.ndarray
+    timezone: str = "UTC"
+
+
+def observed_scene(observed, step_s):
+    """`past` and `past_present` of `Scenes` from an `Observed` with neighbours, and the origins [n, 2] in m."""
+    n, seen = observed.t.shape
+    rows = np.arange(n)[:, None] * seen + [0, seen - 1]
+    flat = Tracks(np.repeat(observed.track_id, seen), *(column.ravel() for column in observed[1:6]))
+    when = (observed.t[:, -1:] - observed.t[:, :1]) - step_s * np.arange(seen - 1, -1, -1)
+    own = positions_at(flat, rows, when)
+    xy = np.concatenate([own[:, None], observed.neighbours], axis=1)
+    origin = own[:, -1]
+    return *_present(xy, origin), origin
+
+
+def whereabouts(origin, t0, timezone):
+    """`where` of `Scenes` from the origins [n, 2] in m and unix times [n] in s."""
+    hour = (t0 + clock_offsets(t0, timezone)) % 86400 / 3600
+    return np.column_stack([origin, hour]).astype(np.float32)
+
+
+def scenes_at(day, starts, ends, steps, observed_rows, step_s, neighbours=True):
+    """`Scenes` of the windows that begin at rows `starts` [n] of a day's tracks; `ends` [n] are their tracks' last.
+
+    Without `neighbours` there is nobody but the predicted persons (M = 0): finding the others takes most of the time.
+    """
+    rows = np.column_stack([starts, ends])
+    observed = observe(day.tracks, rows, observed_rows)
+    truth, _ = ground_truth(day.tracks, rows, observed_rows, steps, step_s)
+    after = truth[:, None]
+    if neighbours:
+        found = find_neighbours(day.tracks, starts + observed_rows - 1, observed_rows, step_s)
+        observed = observed._replace(neighbours=found.xy)
+        after = np.concatenate([after, _neighbours_after(day.tracks, found.track, observed.t[:, -1], steps, step_s)], 1)
+    past, past_present, origin = observed_scene(observed, step_s)
+    where = whereabouts(origin, observed.t[:, -1], day.timezone)
+    return Scenes(past, past_present, *_present(after, origin), where)
+
+
+def training_windows(day, futures, steps, observed_rows, step_s):
+    """Number of windows [n] that may be trained on in each usable track, all of them beginning at its first rows.
+
+    With `futures` = "masked" a window needs one step of truth, with "full" all `steps`.
+    """
+    t, needed = day.tracks.t, (1 if futures == "masked" else steps) - 0.05
+    first, last = day.rows[:, 0], day.rows[:, 1]
+    counts = last - first + 1 - observed_rows
+    row = runs(first, counts)
+    track = np.repeat(np.arange(len(first)), counts)
+    long_enough = t[last[track]] - t[row + observed_rows - 1] >= needed * step_s
+    return np.bincount(track[long_enough], minlength=len(first))
+
+
+def draw_windows(days, windows, rng, steps, observed_rows, step_s, neighbours=True, another_every=None):
+    """One window of each track: its first in about half of the cases, as in the test, else any; `Scenes`.
+
+    With `another_every`, another one of any for every so many that the track has.
+    """
+    parts = []
+    for day, number in zip(days, windows, strict=True):
+        usable = np.flatnonzero(number)
+        anywhere = (rng.random(len(usable)) * number[usable]).astype(np.int64)
+        shift = np.where(rng.random(len(usable)) < 0.5, 0, anywhere)
+        if another_every:
+            more = np.repeat(usable, number[usable] // another_every)
+            shift = np.concatenate([shift, (rng.random(len(more)) * number[more]).astype(np.int64)])
+            usable = np.concatenate([usable, more])
+        rows = day.rows[usable]
+        parts.append(scenes_at(day, rows[:, 0] + shift, rows[:, 1], steps, observed_rows, step_s, neighbours))
+    return Scenes(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+class TrainingData(NamedTuple):
+    """Training tracks of some days, whose windows are drawn anew each time, and the scenes held out for validation."""
+
+    days: list
+    windows: list
+    shape: tuple
+    validation: Scenes
+    neighbours: bool
+    another_every: int | None
+
+    @property
+    def tracks(self):
+        """Number of tracks to train on."""
+        return sum(int((number > 0).sum()) for number in self.windows)
+
+    @property
+    def drawn(self):
+        """Number of windows drawn at a time."""
+        more = sum(int((number // self.another_every).sum()) for number in self.windows) if self.another_every else 0
+        return self.tracks + more
+
+    def draw(self, rng):
+        """One window of each track, or more (`draw_windows`)."""
+        return draw_windows(self.days, self.windows, rng, *self.shape, self.neighbours, self.another_every)
+
+
+def training_data(
+    days, futures, held_out_share, seed, *shape, validation="persons", neighbours=True, another_every=None
+):
+    """`TrainingData` of days; whoever is held out is seen from the first row, as in the test.
+
+    `shape` = (steps, observed rows, time step in s). Held out are `validation` = "persons": that share of them, or
+    "blocks": everybody of some days or hours (`blocks_held_out`), whatever the share.
+    """
+    by_blocks = validation == "blocks"
+    out = blocks_held_out(days, seed) if by_blocks else persons_held_out(days, held_out_share, seed)
+    fitted = [day._replace(rows=day.rows[~mask]) for day, mask in zip(days, out, strict=True)]
+    validation = [day._replace(rows=day.rows[mask]) for day, mask in zip(days, out, strict=True)]
+    windows = [training_windows(day, futures, *shape) for day in fitted]
+    if futures == "full" and not any(number.any() for number in windows):
+        raise DataError(
+            f"no training track goes on for the whole horizon of {shape[0] * shape[2]:g} s, which `futures: full` "
+            "needs; use `futures: masked`, or a shorter horizon_s in the dataset file"
+        )
+    first = [np.minimum(training_windows(day, "masked", *shape), 1) for day in validation]
+    scenes = draw_windows(validation, first, np.random.default_rng(0), *shape, neighbours)
+    return TrainingData(fitted, windows, shape, scenes, neighbours, another_every)
+
+
+def persons_held_out(days, share, seed):
+    """Masks, one [n] a day, of the persons held out: a share of all, by a hash of their ids."""
+    keys = [stream_keys(d.tracks.track_id[d.rows[:, 0]], 1, "validation", seed)[:, 0] for d in days]
+    lowest = min((key.min() for key in keys if len(key)), default=0)
+    limit = max(np.uint64(share * 2.0**64), lowest)  # somebody at least is held out
+    return [key <= limit for key in keys]
+
+
+def blocks_held_out(days, seed):
+    """Masks, one [n] a day, of the persons held out: all of the last fifth of the days, else of some half-hours.
+
+    Companions walk together and people of an hour walk alike, so what is learned of a place looks better on persons of
+    the same minutes than it is. A person belongs to the day and the block of the first row; blocks are chosen by a hash
+    of their number.
+    """
+    began = [day.tracks.t[day.rows[:, 0]] for day in days]
+    t = np.concatenate([np.empty(0), *began])
+    block = np.concatenate([np.empty(0), *(
+        (first + clock_offsets(first, day.timezone)) // 86400 for first, day in zip(began, days, strict=True)
+    )])  # fmt: skip
+    numbers = np.unique(block)
+    chosen = numbers[-max(1, round(HELD_OUT_DAYS * len(numbers))) :]
+    if len(numbers) == 1:
+        block = t // (min(BLOCK_S, np.ptp(t) / LEAST_BLOCKS) or BLOCK_S)
+        numbers = np.unique(block)
+        order = np.argsort(stream_keys(numbers, 1, "validation", seed)[:, 0])
+        chosen = numbers[order[: max(1, round(HELD_OUT_BLOCKS * len(numbers)))]]
+        if len(numbers) == 1:
+            raise DataError(
+                "all training tracks begin in one moment, so no part of the time can be held out for validation; use "
+                "`validation: persons`, or more recordings"
+            )
+    return np.split(np.isin(block, chosen), np.cumsum([len(first) for first in began])[:-1])
+
+
+def day_of(own, others, observed_rows, timezone="UTC"):
+    """A `Day` of the tracks of one recording, with those of other recordings of that day as neighbours."""
+    return Day(together([own, *others]), usable_tracks(own, observed_rows), timezone)
+
+
+def _neighbours_after(tracks, whose, t0, steps, step_s):
+    """Where the neighbours `whose` [n, M] (tracks as they stand, -1: nobody) went after t0 [n]; NaN once gone."""
+    after = np.full((*whose.shape, steps, 2), np.nan)
+    who, slot = np.nonzero(whose >= 0)
+    bounds = tracks.bounds()
+    others, of = np.unique(whose[who, slot], return_inverse=True)
+    rows = np.column_stack([bounds[others], bounds[others + 1] - 1])
+    when = (t0[who] - tracks.t[rows[of, 0]])[:, None] + step_s * np.arange(1, steps + 1)
+    xy = positions_at(tracks, rows, when, of)
+    duration = tracks.t[rows[of, 1]] - tracks.t[rows[of, 0]]
+    xy[when > duration[:, None] + 0.05 * step_s] = np.nan
+    after[who, slot] = xy
+    return after
+
+
+def _present(xy, origin):
+    """Positions relative to `origin` as float32 with 0 for NaN, and where they were known."""
+    present = np.isfinite(xy[..., 0])
+    relative = np.where(present[..., None], xy - origin[:, None, None], 0.0)
+    return relative.astype(np.float32), present

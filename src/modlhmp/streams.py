@@ -1,0 +1,51 @@
+"""Random numbers by key: a number depends on what it is for, and on nothing else.
+
+G. Steele, D. Lea, C. Flood, Fast splittable pseudorandom number generators, OOPSLA 2014 (SplitMix64).
+"""
+
+import hashlib
+
+import numpy as np
+
+from modlhmp.kernels import kernel
+
+
+def stream_keys(track_ids, k, *names):
+    """One 64-bit key a track and sample [n, k], from `names` (seed, dataset, method, recording) and nothing else.
+
+    So a forecast does not depend on batches, order, shards, cores or on how many samples are drawn.
+    """
+    digest = hashlib.blake2b("\0".join(map(str, names)).encode(), digest_size=8).digest()
+    base = np.uint64(int.from_bytes(digest, "little"))
+    track = _mix(np.asarray(track_ids, np.int64).astype(np.uint64)[:, None] ^ base)
+    return _mix(track + np.arange(k, dtype=np.uint64) * _GOLDEN)
+
+
+def uniforms(keys, step, draws):
+    """Numbers in (0, 1), one row a key: [n, draws] for `keys` [n]; a counter-based generator (SplitMix64).
+
+    G. Steele, D. Lea, C. Flood, Fast splittable pseudorandom number generators, OOPSLA 2014.
+    """
+    counter = np.arange(step * draws + 1, (step + 1) * draws + 1, dtype=np.uint64) * _GOLDEN
+    bits = _mix(keys[:, None] + counter)
+    return ((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
+
+
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
+
+
+@kernel
+def uniform(key, number):
+    """The number-th of a key's numbers in (0, 1): what `uniforms` gives, for kernels that use as many as they need."""
+    z = key + np.uint64(number + 1) * _GOLDEN
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return (np.float64((z ^ (z >> np.uint64(31))) >> np.uint64(11)) + 0.5) * 2.0**-53
+
+
+def _mix(z):
+    """SplitMix64's finaliser; unsigned overflow is meant."""
+    with np.errstate(over="ignore"):
+        z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        return z ^ (z >> np.uint64(31))

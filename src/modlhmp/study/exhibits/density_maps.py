@@ -1,0 +1,168 @@
+"""Figure density: where one person of each dataset may be at three moments, as the samples of a forecast say."""
+
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from modlhmp.forecasting import forecast_recording, make_forecaster
+from modlhmp.forecasting.density import density, level_that_holds
+from modlhmp.forecasting.median import with_median
+from modlhmp.maps import SAMPLED, map_path
+from modlhmp.scoring.uncertainty import samples_of
+from modlhmp.study.exhibits import paths, style
+from modlhmp.study.exhibits.selection import errors_at, example_track
+from modlhmp.tracks import read_tracks
+
+MOMENTS = (1 / 6, 1 / 3, 1.0)  # of the horizon
+CELLS, BANDWIDTH = 300, 1 / 60  # cells of a panel's width, and the share of it by which a sample is spread
+SHARES = (0.9, 0.5)
+COLUMNS = paths.COLUMNS[:9]  # `rank` numbers the samples
+SHADES = LinearSegmentedColormap.from_list("probability", [(0.0, 0.45, 0.7, 0.0), (0.0, 0.45, 0.7, 0.55), "#00304A"])
+CONTOUR = {"colors": "#00304A", "linewidths": (0.5, 1.0)}  # wider around the likelier part
+MEDIAN = {"color": "#E69F00", "linewidth": 1.2, "zorder": 6}
+
+
+def draw(folder, datasets, methods, shown, forecast_by, samples, seed, stem):
+    """One row a dataset, one column a moment.
+
+    `folder` is results/{run}, `methods` maps names to titles in table order, `shown` is the method, `forecast_by` its
+    {kind, options} on each dataset, with `samples` futures at least, by `seed`.
+    """
+    height_mm = (style.PAGE_MM / 3 - 6.0) * paths.PANEL + 12.0
+    fig, axes = style.figure(len(datasets), 3, style.PAGE_MM, height_mm * len(datasets) + 20.0)
+    tables = []
+    for line, dataset in zip(axes, datasets, strict=True):
+        method = {"name": shown, **forecast_by[dataset["name"]]}
+        table, text, left = example(Path(folder) / dataset["name"], dataset, methods, method, samples, seed)
+        if table is None:
+            for ax in line:
+                ax.set_axis_off()
+            style.empty_panel(line[1], f"{dataset['title']}\n{text}")
+            continue
+        for ax, step in zip(line, moments(dataset), strict=True):
+            _panel(ax, dataset, table, step * dataset["time_step_s"], left[step])
+        line[1].set_title(f"{dataset['title']}, {text}\n{line[1].get_title()}")
+        tables.append(table)
+    numbers = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS)
+    text = (
+        f"Samples of {methods[shown]} that are still there, each spread by 1/{1 / BANDWIDTH:.0f} of the panel's width: "
+        "if still there, the person is inside the thick line with a probability of 50 %, inside the thin one with "
+        f"90 %; p: probability of having left. {paths.rule(methods)}"
+    )
+    fig.legend(
+        handles=_handles(datasets),
+        loc="outside lower center",
+        ncols=6,
+        title="\n".join(textwrap.wrap(text, 150)),
+        title_fontsize=6,
+    )
+    style.save(fig, stem, numbers, any(dataset["demo"] for dataset in datasets))
+
+
+def moments(dataset):
+    """Time steps to the three moments."""
+    steps = round(dataset["horizon_s"] / dataset["time_step_s"])
+    return [max(round(share * steps), 1) for share in MOMENTS]
+
+
+def example(folder, dataset, methods, method, samples, seed):
+    """Plotted positions of a dataset's example (`COLUMNS`), who it is, and {step: share of the samples that left}.
+
+    (None, why, None) where there is none. A sample has a row at each moment at which it is still there; where none
+    is, all have their last position.
+    """
+    steps = round(dataset["horizon_s"] / dataset["time_step_s"])
+    track = example_track(errors_at(folder / "errors" / f"{next(iter(methods))}.parquet", steps))
+    if track is None:
+        return None, f"no test track of {dataset['horizon_s']:g} s", None
+    file = folder / "tracks" / f"{track.recording}.parquet"
+    person = paths.person_paths(file, track.track_id, dataset, steps)
+    forecast = forecast_again(folder, file, dataset, method, track, samples, seed)
+    median = forecast if forecast.output == "median" else with_median(forecast)
+    step_s, start = dataset["time_step_s"], paths.one_path(person, "truth")[0]
+    path = np.vstack([start, median.xy[0, 0]])
+    forecasts = [_rows("median", path, np.arange(steps + 1) * step_s)]
+    xy, alive = (part[0] for part in samples_of(forecast))
+    left = {}
+    for step in moments(dataset):
+        there = alive >= step
+        left[step] = 1 - there.mean()
+        if not there.any():
+            there[:] = True
+        at = _rows("sample", xy[there, step - 1], step * step_s)
+        forecasts.append(at.assign(rank=np.flatnonzero(there) + 1))
+    table = paths.of_example(dataset, track, [person, pd.concat(forecasts).assign(method=method["name"])])
+    return table[list(COLUMNS)], paths.who(track), left
+
+
+def forecast_again(folder, file, dataset, method, track, samples, seed):
+    """The `Forecast` of one track with `samples` futures at least; files keep fewer."""
+    options, kind = method["options"], method["kind"]
+    exits = folder / "maps/exits.parquet" if kind in SAMPLED and options["exits"] else None
+    forecaster = make_forecaster(kind, options, dataset, map_path(folder / "maps", kind), exits)
+    tracks = read_tracks(file)
+    tracks = tracks.take(tracks.track_id == track.track_id)
+    keyed_by = (dataset["name"], method["name"], track.recording)
+    k = max(options["k"], samples)
+    ((_, _, forecast),) = forecast_recording(tracks, forecaster, dataset, keyed_by, k, [seed])
+    return forecast
+
+
+def _rows(what, xy, step_s):
+    table = pd.DataFrame({"what": what, "step_s": step_s, "x_m": xy[:, 0], "y_m": xy[:, 1]})
+    return table.reindex(columns=paths.COLUMNS[3:])
+
+
+def _panel(ax, dataset, table, moment_s, left):
+    samples = table[table["what"] == "sample"]
+    known = [paths.one_path(table, what) for what in ("observed", "truth", "median")]
+    for _, some in samples.groupby("step_s"):  # but for a few far away
+        known.append(np.percentile(some[["x_m", "y_m"]].to_numpy(float), (2, 98), axis=0))
+    paths.frame(ax, dataset, np.vstack(known), dataset["horizon_s"])
+    now = samples.loc[samples["step_s"] == moment_s, ["x_m", "y_m"]].to_numpy(float)
+    extent = (*sorted(ax.get_xlim()), *sorted(ax.get_ylim()))
+    _draw_density(ax, now, extent)
+    ax.plot(*paths.one_path(table, "truth").T, **{**paths.TRUTH, "linewidth": 2.2})
+    ax.plot(*paths.one_path(table, "observed").T, **{**paths.OBSERVED, "linewidth": 2.2})
+    median = table[(table["what"] == "median") & (table["step_s"] <= moment_s)]
+    ax.plot(median["x_m"], median["y_m"], **MEDIAN)
+    ax.plot(*median[["x_m", "y_m"]].iloc[-1], marker="o", markersize=3.5, **MEDIAN)
+    there = table[(table["what"] == "truth") & np.isclose(table["step_s"], moment_s)]
+    ax.plot(there["x_m"], there["y_m"], **paths.TRUTH_END)
+    ax.set_title(f"after {moment_s:g} s: has left with p = {left:.2f}")
+
+
+def _draw_density(ax, positions, extent):
+    x_low, x_high, y_low, y_high = extent
+    inside = (positions >= [x_low, y_low]) & (positions <= [x_high, y_high])
+    if not inside.all(axis=1).any():
+        return
+    cell_m = (x_high - x_low) / CELLS
+    p = density(positions, extent, cell_m, BANDWIDTH * (x_high - x_low))
+    rows, columns = p.shape
+    covered = (x_low, x_low + columns * cell_m, y_low, y_low + rows * cell_m)
+    limits = ax.get_xlim(), ax.get_ylim()
+    ax.imshow(p, origin="lower", extent=covered, cmap=SHADES, interpolation="bilinear", zorder=1.5)
+    x, y = x_low + cell_m * (np.arange(columns) + 0.5), y_low + cell_m * (np.arange(rows) + 0.5)
+    ax.contour(x, y, p, [level_that_holds(p, share) for share in SHARES], zorder=3, **CONTOUR)
+    ax.set(xlim=limits[0], ylim=limits[1])
+
+
+def _handles(datasets):
+    truth = {**paths.TRUTH, "linewidth": 2.2, "marker": paths.TRUTH_END["marker"], "markersize": 4}
+    truth |= {"markerfacecolor": paths.TRUTH_END["color"], "markeredgecolor": paths.TRUTH_END["color"]}
+    median = {**MEDIAN, "marker": "o", "markersize": 3.5}
+    handles = [
+        Line2D([], [], label="observed", **{**paths.OBSERVED, "linewidth": 2.2}),
+        Line2D([], [], label="truth, and at that moment", **truth),
+        Line2D([], [], label="median path, and at that moment", **median),
+        Patch(label="probability per cell", color=SHADES(0.6)),
+    ]
+    if any(dataset["floor_plan"] for dataset in datasets):
+        handles.append(Patch(label="occupied (floor plan)", color=style.WALL_COLOUR))
+    return handles

@@ -1,0 +1,90 @@
+"""Figure prediction_example: what every compared method forecast for one example track of each dataset."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.lines import Line2D
+
+from modlhmp.study.exhibits import paths, style
+from modlhmp.study.exhibits.selection import errors_at, example_track
+
+LONG_S = 60.0  # a dataset with a shorter horizon is shown at half of it; the paper: ATC 60 s, Edinburgh 10 of 20 s
+SITE_MARGIN_M = 2.0
+
+
+def draw(folder, datasets, methods, stem):
+    """One panel a dataset.
+
+    `folder` is results/{run}, `datasets` a list of settings, `methods` maps names to titles in table order.
+    """
+    fig, places = paths.sheet(datasets, 1 + len(methods), f"{paths.rule(methods)} ADE: complete protocol.")
+    tables = []
+    for (ax, key), dataset in zip(places, datasets, strict=True):
+        table, text, site = example(Path(folder) / dataset["name"], dataset, methods)
+        if table is None:
+            style.empty_panel(ax, f"{dataset['title']}\n{text}")
+            continue
+        _panel(ax, key, dataset, table, text, methods, site)
+        tables.append(table)
+    style.save(fig, stem, paths.collect(tables), any(dataset["demo"] for dataset in datasets))
+
+
+def shown_steps(dataset):
+    """Time steps to the horizon that is shown."""
+    steps = round(dataset["horizon_s"] / dataset["time_step_s"])
+    return steps if dataset["horizon_s"] >= LONG_S else max(steps // 2, 1)
+
+
+def example(folder, dataset, methods):
+    """Plotted positions of a dataset's example (`paths.COLUMNS`), who it is, and the corners of the site [2, 2].
+
+    (None, why, None) where there is none. ADEs are those of the errors files.
+    """
+    steps = shown_steps(dataset)
+    errors = {method: errors_at(folder / "errors" / f"{method}.parquet", steps) for method in methods}
+    first = next(iter(errors.values()))
+    track = example_track(first)
+    if track is None:
+        return None, f"no test track of {steps * dataset['time_step_s']:g} s", None
+    file = f"{track.recording}.parquet"
+    person = paths.person_paths(folder / "tracks" / file, track.track_id, dataset, steps)
+    start, tables = paths.one_path(person, "truth")[0], [person]
+    for method, rows in errors.items():
+        forecast = paths.forecast_of(folder / "forecasts" / method / file, track.track_id)
+        if forecast is not None:
+            path = paths.forecast_paths(forecast, shown_futures(forecast, steps), steps, dataset["time_step_s"], start)
+            own = rows[(rows["recording"] == track.recording) & (rows["track_id"] == track.track_id)]
+            tables.append(path.assign(method=method, ade_m=own["ade_m"].iloc[0]))
+    site = paths.site(folder / "tracks", first["recording"].unique())
+    return paths.of_example(dataset, track, tables), paths.who(track), site
+
+
+def shown_futures(forecast, steps):
+    """Indices of the futures that make a method's result: the best ranked, the median, or all."""
+    one = forecast.output in {"ranked", "median"}  # a median is the first of equally ranked futures
+    return paths.rank_order(forecast, steps)[:1] if one else np.arange(len(forecast.xy))
+
+
+def _panel(ax, key, dataset, table, text, methods, site):
+    low, high = site[0] - SITE_MARGIN_M, site[1] + SITE_MARGIN_M  # constant velocity may lead far out of it
+    xy = np.clip(table[["x_m", "y_m"]].to_numpy(float), low, high)
+    paths.frame(ax, dataset, xy, shown_steps(dataset) * dataset["time_step_s"])
+    paths.draw_person(ax, table)
+    lines = [
+        _draw_method(ax, table[table["method"] == method], title, position, len(methods))
+        for position, (method, title) in enumerate(methods.items())
+    ]
+    paths.write_key(key, lines, text)
+
+
+def _draw_method(ax, futures, title, position, number):
+    """Draw a method's result, several paths thin; returns its entry of the key."""
+    if futures.empty:
+        return Line2D([], [], linestyle="none", label=f"{title}: no forecast")
+    look = style.method_style(position)
+    one_by_one = [path for _, path in futures.groupby("rank")]
+    several = len(one_by_one) > 1
+    for path in one_by_one:
+        paths.draw_path(ax, path, look, linewidth=0.5 if several else 1.0, place=position / number)
+    note = f", {len(one_by_one)} paths" if several else paths.end_note(ax, one_by_one[0])
+    return Line2D([], [], label=f"{title}: ADE {futures['ade_m'].iloc[0]:.2f} m{note}", **look)

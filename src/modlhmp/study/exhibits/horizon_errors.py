@@ -1,0 +1,55 @@
+"""Figures atc_final and edin_final: ADE and FDE against the horizon, mean and one SD, for every method."""
+
+import numpy as np
+
+from modlhmp.study.exhibits import style
+from modlhmp.study.exhibits.selection import main_rows, scored_of
+
+TITLES = {"paper": "paper protocol", "complete": "complete protocol"}
+
+
+def draw(results, dataset, methods, stem):
+    """Draw the figure of one dataset.
+
+    `results` is the table of `results.csv`, `dataset` its settings, `methods` maps names to titles in table order.
+    """
+    rows = main_rows(results[results["dataset"] == dataset["name"]])
+    fig, axes = style.figure(2, 2, height_mm=98.0, sharex=True, sharey="col")
+    for line, (protocol, title) in enumerate(TITLES.items()):
+        for column, metric in enumerate(("ade", "fde")):
+            ax = axes[line, column]
+            for position, method in enumerate(methods):
+                one = rows[(rows["method"] == method) & (rows["protocol"] == protocol)].sort_values("horizon_s")
+                _curve(ax, one, metric, style.method_style(position))
+            ax.set_title(title)
+            ax.set_ylim(bottom=0)
+            ax.set_xlim(0, dataset["horizon_s"])
+            if line == 1:
+                ax.set_xlabel("prediction horizon [s]")
+            ax.set_ylabel(f"{metric.upper()} [m]")
+    handles = [line for line in axes[0, 0].get_lines() if line.get_marker() != "None"]
+    fig.legend(
+        handles,
+        [f"{title} ({_counts(rows, method)})" for method, title in methods.items()],
+        loc="outside lower center",
+        ncols=2,
+        title=f"{dataset['title']}: mean (thick) ± 1 SD over tracks (thin)\n"
+        f"in brackets: n (/ eligible) at {dataset['horizon_s']:g} s, paper and complete protocol",
+        title_fontsize=6,
+    )
+    style.save(fig, stem, rows, dataset["demo"])
+
+
+def _curve(ax, rows, metric, look):
+    horizon, mean, sd = (rows[name].to_numpy(float) for name in ("horizon_s", f"{metric}_m", f"{metric}_sd_m"))
+    every = max(len(horizon) // 6, 1)
+    ax.plot(horizon, mean, markevery=(every - 1, every), **look)
+    ax.fill_between(horizon, np.maximum(mean - sd, 0), mean + sd, color=look["color"], alpha=0.04, linewidth=0)
+    for edge in (mean - sd, mean + sd):
+        ax.plot(horizon, edge, color=look["color"], linestyle=look["linestyle"], linewidth=0.4, alpha=0.6)
+
+
+def _counts(rows, method):
+    last = rows[(rows["method"] == method) & (rows["horizon_s"] == rows["horizon_s"].max())].set_index("protocol")
+    counts = [last.loc[protocol] for protocol in TITLES if protocol in last.index]
+    return ", ".join(scored_of(row) if row["n"] < row["eligible"] else f"{row['n']:.0f}" for row in counts)

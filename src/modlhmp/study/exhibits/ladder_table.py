@@ -1,0 +1,90 @@
+"""Table ladder-<label>: from the paper's configuration to the best one, a change a row (not in the paper)."""
+
+import numpy as np
+import pandas as pd
+
+from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.ladder import LEAST_DAYS
+
+NOTE = (
+    "Errors are ADE / FDE in m, seeds averaged per track first; brackets hold 95 % bootstrap intervals over {over}. "
+    "Every row is compared with the one above it and with {reference}, on the same tracks (complete protocol: every "
+    "eligible track counts). The paper protocol stands at the right: it drops idle tracks where the dataset says so, "
+    "and forecasts that have left the map. Cost is the time of a forecast to the longest horizon on one core."
+)
+
+
+def write_ladder(scored, compared, costs, dataset, ladder, titles, days, stem):
+    """Write the table of one dataset; `scored`, `compared` as of `scoring.ladder`, `costs` [ms] by method."""
+    rows, reference = ladder["rows"], ladder["reference"]
+    horizons = sorted(scored["horizon_s"].unique())
+    above = dict(zip([m for m, _ in rows[1:]], [m for m, _ in rows], strict=False))
+    tables = []
+    for horizon in reversed(horizons):
+        tables.append((f"{horizon:g} s", _rungs(scored, compared, rows, above, reference, horizon, costs, titles)))
+    if ladder["beside"]:
+        beside = _beside(scored, compared, ladder["beside"], horizons, titles)
+        tables.append(("Beside the ladder: one thing changed", beside))
+    over = f"the {len(days)} test days" if len(days) >= LEAST_DAYS else "persons"
+    note = NOTE.format(over=over, reference=titles[reference])
+    heading = f"From the paper's configuration to the best one: {dataset['title']}"
+    first = tables[0][1]
+    write_table(first, stem, f"{heading}, {tables[0][0]}", dataset["demo"], note, tables[1:])
+
+
+def _rungs(scored, compared, rows, above, reference, horizon, costs, titles):
+    """The rungs at one horizon."""
+    table = []
+    for method, change in rows:
+        complete, paper = (_row(scored, protocol, horizon, method=method) for protocol in ("complete", "paper"))
+        table.append(
+            {
+                "what changes": change,
+                "method": titles[method],
+                "ADE / FDE [m]": _errors(complete),
+                "n": f"{complete.n}",
+                "ADE less the row above": _difference(compared, "complete", horizon, method, above.get(method)),
+                f"less {titles[reference]}": _difference(compared, "complete", horizon, method, reference),
+                "FDE, the same": _difference(compared, "complete", horizon, method, reference, "fde"),
+                "ms a track": f"{costs[method]:.2g}" if np.isfinite(costs.get(method, np.nan)) else "–",
+                "paper protocol": _errors(paper),
+                "paper protocol: n": f"{paper.n}/{paper.eligible}",
+            }
+        )
+    return pd.DataFrame(table)
+
+
+def _beside(scored, compared, beside, horizons, titles):
+    """Pairs of methods, a column a horizon."""
+    table = []
+    for method, against, change in beside:
+        cells = {"what changes": change, "method": titles[method], "against": titles[against]}
+        for horizon in horizons:
+            one = _row(scored, "complete", horizon, method=method)
+            difference = _difference(compared, "complete", horizon, method, against)
+            cells[f"{horizon:g} s"] = f"{_errors(one)}; {difference}" if one.n else "–"
+        table.append(cells)
+    return pd.DataFrame(table)
+
+
+def _errors(row):
+    """`2.31 / 4.10`, a dash where nobody was scored."""
+    return f"{row.ade_m:.2f} / {row.fde_m:.2f}" if row.n else "–"
+
+
+def _difference(compared, protocol, horizon, method, against, metric="ade"):
+    """`-2.31 (-2.85 to -1.73), -26 %` of a pair, a dash where there is none; one person has no interval."""
+    if against is None or against == method:
+        return "–"
+    one = _row(compared, protocol, horizon, method=method, against=against, metric=metric)
+    if not one.n:
+        return "–"
+    interval = f" ({one.low_m:+.2f} to {one.high_m:+.2f})" if np.isfinite(one.low_m) else ""
+    return f"{one.difference_m:+.2f}{interval}, {one.percent:+.0f} %"
+
+
+def _row(table, protocol, horizon, **wanted):
+    chosen = (table["protocol"] == protocol) & (table["horizon_s"] == horizon)
+    for name, value in wanted.items():
+        chosen &= table[name] == value
+    return table[chosen].iloc[0]

@@ -1,0 +1,62 @@
+"""What the figures of maps share: panels of one extent over the floor plan, arrows, and the key of orientation."""
+
+import numpy as np
+
+from modlhmp.study.exhibits import style
+
+ARROW_M_PER_MPS = 1.0  # an arrow shows where a walker is a second later
+MARGIN_M = 1.0
+MOST_VECTORS = 1500  # more arrows in a panel become pixels in the PDF, which would be megabytes large
+
+
+def panels(dataset, positions, rows, columns, width_mm=style.PAGE_MM):
+    """A figure and its axes [rows, columns], all over the extent of `positions` (x, y: arrays [n] in m).
+
+    The floor plan lies beneath; y grows downwards where it does in the recordings.
+    """
+    x, y = positions
+    has_data = len(x) > 0
+    width = np.ptp(x) + 2 * MARGIN_M if has_data else 1.0
+    height = np.ptp(y) + 2 * MARGIN_M if has_data else 0.6
+    panel_mm = (width_mm - 26.0) / columns - 4.0
+    height_mm = np.clip(rows * (panel_mm * height / width + 7.0) + 15.0, 48.0, 230.0)
+    fig, axes = style.figure(rows, columns, width_mm, height_mm, sharex=True, sharey=True)
+    if has_data:
+        for ax in axes.flat:
+            ax.set(xlim=(x.min() - MARGIN_M, x.max() + MARGIN_M), ylim=(y.min() - MARGIN_M, y.max() + MARGIN_M))
+            ax.set_aspect("equal")
+            ax.grid(False)
+            style.draw_floor_plan(ax, dataset["floor_plan"])
+        if style.image_coordinates(dataset):
+            axes[0, 0].invert_yaxis()
+    for ax in axes[-1]:
+        ax.set_xlabel("x [m]")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("y [m]")
+    return fig, axes
+
+
+def arrows(ax, table, alpha=None):
+    """One arrow a row of `table`: x, y [m], heading [rad], length [m]; `alpha` [n] in 0..1 makes it transparent."""
+    colours = style.heading_colour(table["heading"])
+    if alpha is not None:
+        colours[:, 3] = np.clip(alpha, 0.0, 1.0)
+    u, v = (table["length"] * part(table["heading"]) for part in (np.cos, np.sin))
+    extent = max(np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim()), 20.0)
+    ax.quiver(
+        table["x"], table["y"], u, v, color=colours, angles="xy", scale_units="xy", scale=1.0, units="xy",
+        width=0.0025 * extent, headwidth=3.2, headlength=3.5, headaxislength=3.2, minlength=0, zorder=2,
+        rasterized=len(table) > MOST_VECTORS,
+    )  # fmt: skip
+
+
+def orientation_key(fig, axes, dataset, note):
+    """Key of orientation in the directions of the page, and a note below the panels."""
+    key = fig.colorbar(style.orientation_scale(), ax=axes.ravel().tolist(), shrink=0.9, pad=0.01, aspect=25)
+    names = ["right", "up", "left", "down", "right"]
+    if style.image_coordinates(dataset):
+        names = ["right", "down", "left", "up", "right"]
+    key.set_ticks(np.arange(5) * np.pi / 2, labels=names)
+    key.ax.tick_params(labelsize=6)
+    key.outline.set_linewidth(0.3)
+    fig.supxlabel(note, fontsize=6)

@@ -1,0 +1,62 @@
+"""Picking and printing rows of `results.csv`, and the track that figures show as an example."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pyarrow.compute as pc
+import pyarrow.dataset
+
+from modlhmp.storage import read_parquet
+from modlhmp.study.summary import OUTPUTS, main_output
+
+
+class Example(NamedTuple):
+    """An example track, and `of` how many it was chosen."""
+
+    recording: str
+    track_id: int
+    of: int
+
+
+def main_rows(results):
+    """Rows of each method's main output."""
+    main = results.groupby(["dataset", "method"])["output"].transform(lambda outputs: main_output(set(outputs)))
+    return results[results["output"] == main]
+
+
+def scored_of(row):
+    """`n/eligible` of a row; n is a mean over seeds, so it may have a decimal."""
+    return f"{row['n']:.1f}".removesuffix(".0") + f"/{row['eligible']:.0f}"
+
+
+def errors_at(errors_file, steps):
+    """ADE [m] of a method's main output after `steps` by its first (smallest) seed, complete protocol; a DataFrame.
+
+    One row a test track: `recording`, `track_id`, `ade_m` (NaN where the track ends earlier), and whether it is
+    `eligible` at that horizon under the paper protocol. Only the lists' one element is kept in memory.
+    """
+    known = read_parquet(errors_file, ["output", "seed"])
+    # A file without rows has no output; any name then finds none.
+    output = main_output({*known["output"].unique().to_pylist(), OUTPUTS[-1]})
+    field, key = pc.field, ["recording", "track_id"]
+    columns = {name: field(name) for name in (*key, "protocol", "eligible_steps")}
+    columns["ade_m"] = pc.list_element(field("ade"), steps - 1)
+    wanted = (field("output") == output) & (field("seed") == pc.min(known["seed"]))
+    rows = pyarrow.dataset.dataset(errors_file).to_table(columns=columns, filter=wanted).to_pandas()
+    rows = rows.astype({"recording": str})
+    paper = rows.loc[rows["protocol"] == "paper", [*key, "eligible_steps"]]
+    both = rows.loc[rows["protocol"] == "complete", [*key, "ade_m"]].merge(paper, on=key)
+    return both.assign(eligible=both.pop("eligible_steps") >= steps)
+
+
+def example_track(errors):
+    """The eligible track of median error (the lower of two middle ones), an `Example`; None if there is none.
+
+    `errors` as from `errors_at`. Tracks of equal error stand in the order of their recordings' names and their ids.
+    """
+    eligible = errors[errors["eligible"] & np.isfinite(errors["ade_m"])]
+    if eligible.empty:
+        return None
+    ordered = eligible.sort_values(["ade_m", "recording", "track_id"])
+    median = ordered.iloc[(len(ordered) - 1) // 2]
+    return Example(str(median["recording"]), int(median["track_id"]), len(ordered))

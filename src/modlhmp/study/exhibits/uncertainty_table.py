@@ -1,0 +1,60 @@
+"""Table tab_uncertainty: how good each method's forecasts are as distributions (not in the paper)."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from modlhmp.scoring.uncertainty import BEST_OF, SAMPLES
+from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.reliability import read_uncertainty, summarise
+
+HEADINGS = {
+    "energy_m": "energy score [m]",
+    "best_ade_m": f"best of {BEST_OF}: ADE [m]",
+    "best_fde_m": f"best of {BEST_OF}: FDE [m]",
+    "expected_m": "expected error [m]",
+    "real_m": "real error [m]",
+    "ratio": "real / expected",
+    "samples": "samples",
+    "n": "n",
+    "brier": "has left: Brier",
+    "brier_base": "base rate's Brier",
+    "left_share": "have left [%]",
+    "n_left": "has left: n",
+}
+FORMS = {"ratio": "{:.2f}", "samples": "{:.1f}", "n": "{:.0f}", "n_left": "{:.0f}", "left_share": "{:.1f}"}
+BEST = ("energy_m", "best_ade_m", "best_fde_m", "brier")  # the lowest of each is bold
+
+
+def write(folder, datasets, methods, stem):
+    """One row a dataset, horizon and method.
+
+    `folder` is results/{run}, `methods` maps the names of those that were measured to titles in table order.
+    """
+    parts = [
+        summarise(one["name"], method, *read_uncertainty(Path(folder) / one["name"] / f"uncertainty/{method}.parquet"))
+        for one in datasets
+        for method in methods
+    ]
+    rows = pd.concat(parts, ignore_index=True)
+    rows["left_share"] *= 100
+    titles = {one["name"]: one["title"] for one in datasets}
+    for column, names in (("dataset", titles), ("method", methods)):
+        rows[column] = pd.Categorical(rows[column], list(names))
+    rows = rows.sort_values(["dataset", "horizon_s", "method"])
+    table = pd.DataFrame({"dataset": rows["dataset"].map(titles), "horizon [s]": rows["horizon_s"].map("{:g}".format)})
+    table["method"] = rows["method"].map(methods)
+    for name, heading in HEADINGS.items():
+        cells = rows[name].map(FORMS.get(name, "{:.3f}").format).where(rows[name].notna(), "–")
+        if name in BEST:
+            lowest = rows.groupby(["dataset", "horizon_s"], observed=True)[name].transform("min")
+            cells = cells.where(rows[name] != lowest, "**" + cells + "**")
+        table[heading] = cells
+    note = (
+        f"Distributions are of the first {SAMPLES} samples that are still there, given that the person is; `samples` "
+        "says how many that were, a repeated one counted once. Energy score: lower is better. Expected error: mean "
+        "distance of the samples from the method's own output; real error: that output's FDE, complete protocol. A "
+        "method that is as sure as it may be has a ratio of 1, one that is too sure a larger one. Has left: the "
+        "probability that the person's track ends before the horizon. Means over a track's seeds, then over tracks."
+    )
+    write_table(table, stem, "Forecasts as distributions", any(one["demo"] for one in datasets), note)

@@ -1,0 +1,77 @@
+"""What the distributions' scores say: means over tracks, and whether errors and probabilities are as announced."""
+
+import numpy as np
+import pandas as pd
+
+from modlhmp.scoring.errors import nan_mean
+from modlhmp.scoring.uncertainty import MEASURES
+from modlhmp.storage import column, read_metadata, read_parquet
+
+BINS = 10
+COLUMNS = (
+    "dataset", "method", "horizon_s", "energy_m", "best_ade_m", "best_fde_m", "expected_m", "real_m", "ratio",
+    "samples", "n", "brier", "brier_base", "left_share", "n_left",
+)  # fmt: skip
+
+
+def read_uncertainty(path):
+    """A file of `uncertainty.MEASURES` as (horizons [s], {measure: [tracks, H]}), means over the seeds of a track.
+
+    `brier` is added: the squared error of the probability of having left, of each seed before their mean.
+    """
+    table = read_parquet(path)
+    horizons = read_metadata(path)["horizons_s"]
+    rows = table.select(["recording", "track_id"]).to_pandas()
+    track = rows.groupby(["recording", "track_id"], observed=True).ngroup().to_numpy()
+    values = {name: column(table, name).reshape(-1, len(horizons)).astype(np.float64) for name in MEASURES}
+    values["brier"] = (values["left"] - values["has_left"]) ** 2
+    number = np.bincount(track)[:, None]
+    means = {}
+    for name, one in values.items():  # a track has a value from every seed or from none
+        total = np.zeros((len(number), len(horizons)))
+        np.add.at(total, track, one)
+        means[name] = total / number
+    return horizons, means
+
+
+def summarise(dataset, method, horizons_s, by_track):
+    """One row a horizon (`COLUMNS`): means over tracks of what `read_uncertainty` gives.
+
+    `ratio`: real error by expected error, above 1 for a method that is too sure of itself. `n` tracks are long enough;
+    having left is known of all `n_left`. `brier_base` is the score of who always says the share that has left.
+    """
+    rows = []
+    for place, horizon in enumerate(horizons_s):
+        at = {name: one[:, place] for name, one in by_track.items()}
+        mean = {name: float(nan_mean(one, axis=0)) for name, one in at.items()}
+        share = mean["has_left"]
+        rows.append((
+            dataset, method, horizon, *(mean[name] for name in ("energy_m", "best_ade_m", "best_fde_m")),
+            mean["expected_m"], mean["real_m"], mean["real_m"] / mean["expected_m"] if mean["expected_m"] else np.nan,
+            mean["samples"], int(np.isfinite(at["real_m"]).sum()), mean["brier"], share * (1 - share), share,
+            len(at["has_left"]),
+        ))  # fmt: skip
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def calibration(expected, real):
+    """Expected and real errors [tracks] in `BINS` bins of equally many tracks, by expected error (see `_in_bins`)."""
+    known = np.flatnonzero(np.isfinite(expected) & np.isfinite(real))
+    ordered = known[np.argsort(expected[known], kind="stable")]
+    return _in_bins(expected, real, np.array_split(ordered, BINS))
+
+
+def reliability(probability, happened):
+    """Probabilities and what happened (0 or 1), [tracks], in `BINS` equally wide bins of probability."""
+    place = np.minimum((probability * BINS + 1e-6).astype(int), BINS - 1)  # stored in single precision
+    return _in_bins(probability, happened, [np.flatnonzero(place == number) for number in range(BINS)])
+
+
+def _in_bins(forecast, outcome, bins):
+    """One row for each bin that is not empty: `forecast` and `outcome` (means), `standard_error` of that, `n`."""
+    rows = []
+    for number, members in enumerate(bins, 1):
+        if n := len(members):
+            error = np.std(outcome[members], ddof=1) / np.sqrt(n) if n > 1 else np.nan
+            rows.append((number, forecast[members].mean(), outcome[members].mean(), error, n))
+    return pd.DataFrame(rows, columns=["bin", "forecast", "outcome", "standard_error", "n"])
