@@ -4,12 +4,12 @@ PYTHON ?= python3.11
 CORES ?= 2
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-# Everything a run writes outside the project stays in it: numba's kernels are compiled once, here.
-export NUMBA_CACHE_DIR ?= $(CURDIR)/.cache/numba
+# Everything a run writes outside the project stays in it: kernels are compiled once, here.
+export MODLHMP_CACHE_DIR ?= $(CURDIR)/.cache/kernels
 export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
 export PYTHONHASHSEED ?= 0
 
-.PHONY: help environment reproduce test test-full lint lock bench paper-size clean
+.PHONY: help environment reproduce test test-full lint lock bench paper-size settings clean
 
 help:                     ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -25,7 +25,7 @@ environment: .venv/ready  ## .venv from environment.lock (hash-checked) and this
 	"$$python" -m venv --clear .venv || { \
 	    echo "Could not make .venv: the venv module is missing (Debian: apt install python3.11-venv)." >&2; exit 1; }
 	@# PyTorch's CPU wheel comes first and from its own index, which nothing else then has to be looked up in.
-	sed -n '/^torch==/,$$p' environment.lock > .venv/torch.lock
+	sed -n '/^# torch: the CPU wheel/,$$p' environment.lock > .venv/torch.lock
 	$(PIP) --require-hashes --no-deps --extra-index-url https://download.pytorch.org/whl/cpu -r .venv/torch.lock
 	$(PIP) --require-hashes -r environment.lock
 	$(PIP) --no-deps --no-build-isolation -e .
@@ -40,11 +40,15 @@ test: environment lint    ## lint, unit, reference, fault and workflow tests
 test-full: environment lint  ## the same and the long checks
 	$(BIN)/python -m pytest -n $(CORES)
 
-lint: environment         ## ruff, snakefmt, snakemake --lint
+lint: environment         ## ruff, mypy, snakefmt, snakemake --lint
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
+
+settings: environment    ## schemas and the tables of config/README.md, from the typed settings
+	$(BIN)/python -m modlhmp.study.describe
 
 bench: environment        ## speed and memory, as ratios in one run -> results/bench.json
 	$(BIN)/python benchmarks/run.py
@@ -52,19 +56,30 @@ bench: environment        ## speed and memory, as ratios in one run -> results/b
 paper-size: environment   ## the workflow at the paper's volume, and its growth -> results/paper-size.*
 	$(BIN)/python benchmarks/paper_size.py --cores $(CORES)
 
-# uv resolves everything but torch (its plain wheel draws 20 GPU packages); the CPU wheel is appended by hash.
-TORCH := torch==2.13.0 ; sys_platform == "linux" and platform_machine == "x86_64" and python_version == "3.11"
+# uv resolves everything but one wheel: on Linux x86_64 torch's plain wheel draws 20 GPU packages, so the CPU wheel is
+# appended by hash. Versions stay as they are in environment.lock unless pyproject.toml rules them out or UPGRADE names
+# them: make lock UPGRADE="--upgrade-package ruff".
+TORCH := torch==2.13.0
+TORCH_CPU := sys_platform == "linux" and platform_machine == "x86_64" and python_version == "3.11"
+TORCH_PLAIN := (sys_platform == "linux" and platform_machine == "aarch64") or \
+    (sys_platform == "darwin" and platform_machine == "arm64")
 TORCH_HASH := 6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b
 TORCH_NEEDS := filelock fsspec jinja2 networkx sympy typing-extensions
+LOCKED := --extra plans --extra study --extra notebooks --extra dev
+UPGRADE ?=
 
 lock:                     ## environment.lock anew from pyproject.toml (needs uv)
 	@command -v uv >/dev/null || { echo "make lock needs uv: pip install uv" >&2; exit 1; }
-	printf '%s\n' $(TORCH_NEEDS) | uv pip compile --quiet --generate-hashes --universal --python-version 3.11 \
-	    --no-header --emit-build-options --extra workflow --extra notebooks --extra dev pyproject.toml - -o environment.lock.new
-	{ printf '%s\n' '# Made by `make lock` from pyproject.toml; every package is checked by hash.' \
-	      '# torch, the last entry, is the CPU wheel of https://download.pytorch.org/whl/cpu'; \
+	sed '/^# torch: the CPU wheel/,$$d; 1,/^$$/d' environment.lock > environment.lock.new
+	printf '%s\n' $(TORCH_NEEDS) '$(TORCH) ; $(TORCH_PLAIN)' | uv pip compile --quiet --generate-hashes --universal \
+	    --python-version 3.11 --no-header --emit-build-options $(LOCKED) $(UPGRADE) pyproject.toml - \
+	    -o environment.lock.new
+	{ printf '%s\n' '# Made by `make lock` from pyproject.toml for CPython 3.11; every package is checked by hash.' \
+	      '# Linux on x86_64 is tested. Linux on aarch64 and macOS 14 on arm64 resolve too, with the plain wheels of' \
+	      '# torch, but are untried.' ''; \
 	  cat environment.lock.new; \
-	  printf '%s \\\n    --hash=sha256:%s\n' '$(TORCH)' '$(TORCH_HASH)'; } > environment.lock
+	  printf '%s\n' '# torch: the CPU wheel of https://download.pytorch.org/whl/cpu'; \
+	  printf '%s ; %s \\\n    --hash=sha256:%s\n' '$(TORCH)' '$(TORCH_CPU)' '$(TORCH_HASH)'; } > environment.lock
 	rm environment.lock.new
 
 clean:                    ## remove all that runs have written (not .venv, not recordings of yours)

@@ -4,7 +4,7 @@
 
 Exact is mean shift from every observation over all observations, and plain EM over every observation with three
 windings (`tests/reference/twins.py`). Maps of the hours named are built both ways from 85 % of the persons and scored
-on the others' velocities. Takes some minutes an hour of the day.
+on the others' velocities. Takes some minutes per hour of the day.
 """
 
 import sys
@@ -62,7 +62,7 @@ def fit_exactly(heading, speed, bandwidth):
 
 
 def main(path, timezone, *hours):
-    """Print one line an hour and way of building."""
+    """Print one line per hour and way of building."""
     tracks = read_tracks(path)
     validation, hour_of = validation_rows(tracks), clock_hours(tracks.t, timezone)
     ways = {"ours": cliff.fit_location, "exact": fit_exactly}
@@ -72,7 +72,7 @@ def main(path, timezone, *hours):
             total, n, components, locations = held_out(tracks.take(hour_of == hour), validation[hour_of == hour])
             print(
                 f"{hour:02d} h {name:6s} {total / n:8.4f} nat/observation, n {n:.0f}, "
-                f"{components / locations:.2f} components a location, {time.perf_counter() - start:.1f} s",
+                f"{components / locations:.2f} components per location, {time.perf_counter() - start:.1f} s",
                 flush=True,
             )
 

@@ -12,12 +12,13 @@ import numpy as np
 
 from modlhmp.maps import cliff, swgmm
 from modlhmp.maps.mean_shift import BANDWIDTHS
+from modlhmp.options import CliffBuilding
 from modlhmp.tracks import clock_hours, read_tracks
 
 
 def held_out(tracks, validation, rule="isotropic"):
     """Sum of log densities, number of scored observations, components and locations of a map."""
-    table = cliff.build(tracks.take(~validation), bandwidth=rule)
+    table = cliff.build(tracks.take(~validation), building=CliffBuilding(bandwidth=rule))
     mod = cliff.CliffMap(table)
     scored = tracks.take(validation & np.isfinite(tracks.heading) & (tracks.speed != 0))
     location = mod.locate(scored.x, scored.y)
@@ -36,7 +37,7 @@ def validation_rows(tracks):
 
 
 def main(path, timezone):
-    """Print one line an hour and rule, and the whole recording's."""
+    """Print one line per hour and rule, and the whole recording's."""
     tracks = read_tracks(path)
     validation = validation_rows(tracks)
     hours = clock_hours(tracks.t, timezone)
@@ -48,7 +49,7 @@ def main(path, timezone):
         for name, (total, n, components, locations) in (("hourly", sums), ("whole day", whole)):
             print(
                 f"{rule:10s} {name:10s} {total / n:8.4f} nat/observation, n {n:.0f}, "
-                f"{components / locations:.2f} components a location"
+                f"{components / locations:.2f} components per location"
             )
 
 

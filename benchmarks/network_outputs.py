@@ -14,11 +14,14 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from modlhmp.kinds import find
 from modlhmp.networks import mid
 from modlhmp.networks.data import Scenes, day_of, scenes_at
 from modlhmp.networks.network import track_ade
 from modlhmp.networks.training import build_network
 from modlhmp.networks.trajectronpp import mixture_log_density, moments_of
+from modlhmp.settings import build
+from modlhmp.site import Site
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import read_tracks
 
@@ -29,7 +32,9 @@ def load(folder, method):
     """A trained network and the scenes' shape, whatever the configuration."""
     stored = torch.load(folder / "models" / f"{method}.pt", weights_only=True)
     settings = json.loads(stored["settings"])
-    network = build_network(settings["kind"], settings["options"], *settings["shape"])
+    kind, (steps, observed_rows, step_s) = find(settings["kind"]), settings["shape"]
+    site = Site(time_step_s=step_s, horizon_s=steps * step_s, observed_rows=observed_rows)
+    network = build_network(kind, build(kind.options, settings["options"]), site)
     network.load_state_dict(stored["weights"])
     return network.eval(), settings["shape"]
 
@@ -72,7 +77,7 @@ def show(name, paths, scenes, steps):
 
 
 def main(folder, recording, *others):
-    """Print a line an output."""
+    """Print one line per output."""
     torch.manual_seed(0)
     folder = Path(folder)
     own, *rest = (read_tracks(folder / "tracks" / f"{name}.parquet") for name in (recording, *others))

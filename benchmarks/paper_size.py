@@ -27,12 +27,11 @@ import psutil
 import yaml
 from tqdm import tqdm
 
-from modlhmp.networks import KINDS as LEARNED_KINDS
-from modlhmp.settings import averaged_parts
 from modlhmp.storage import write_text
 from modlhmp.study import runtime
 from modlhmp.study.demo import write_recording
 from modlhmp.study.exhibits.style import PAGE_MM, figure, method_style, save
+from modlhmp.study.settings import load_run
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "results/paper-size"
@@ -48,7 +47,7 @@ STAGES = {"clean": "cleaning", "build": "maps", "forecast": "forecasts", "score"
           "compare": "tables", "summarise": "tables", "table": "tables", "figure": "figures"}  # fmt: skip
 STAGE_NAMES = tuple(dict.fromkeys(STAGES.values()))
 PEAK_MB = 2000  # no rule above
-START = [sys.executable, "-c", "import modlhmp.forecasting, modlhmp.scoring"]
+START = [sys.executable, "-c", "import modlhmp.methods, modlhmp.forecasting.recording, modlhmp.scoring.recording"]
 WATCH_EVERY_S = 0.1
 
 
@@ -153,11 +152,14 @@ def configure(folder):
                 recording["start"] = demo["recordings"][0]["start"]
         datasets[name] = {**kept, "title": f"{paper['title']}-sized demo"}
         file.write_text(yaml.safe_dump(datasets[name], sort_keys=False))
-    config = yaml.safe_load((folder / "config/config.yaml").read_text())
+    config = {}
+    for name in ("budgets", "config"):
+        config |= yaml.safe_load((folder / f"config/{name}.yaml").read_text())
+    run = load_run(config, folder / "config/datasets")
     overlay = {
         "run": RUN,
         "datasets": list(SITES),
-        "compare": [name for name in config["compare"] if not is_learned(config, name)],
+        "compare": [name for name in run.compare if not is_learned(run, name)],
         "seeds": [0],
         "studies": {"beta": [], "sampling_radius_m": [], "training": {"shares": []}},
     }
@@ -165,9 +167,9 @@ def configure(folder):
     return datasets
 
 
-def is_learned(config, name):
+def is_learned(run, name):
     """Whether a method is a network, or averages one."""
-    return any(config["methods"][part]["kind"] in LEARNED_KINDS for part in averaged_parts(config, name))
+    return any(run.kind(part).learned for part in run.averaged_parts(name))
 
 
 def write_recordings(root, datasets, size, cores):
@@ -189,7 +191,7 @@ def run_workflow(folder, cores, start_up_s):
     environment = {key: value for key, value in os.environ.items() if key != "MODLHMP_DATA"}
     paths = [str(ROOT / "src"), *filter(None, [environment.get("PYTHONPATH")])]
     environment |= {"PYTHONPATH": os.pathsep.join(paths), "PYTHONHASHSEED": "0"}
-    environment.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".cache/numba"))
+    environment.setdefault("MODLHMP_CACHE_DIR", str(ROOT / ".cache/kernels"))
     command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--configfile", f"config/{RUN}.yaml"]
     log = OUT.with_name(f"{OUT.name}-{folder.name}.log")
     print(f"workflow of size {folder.name}: {log}", flush=True)
@@ -218,7 +220,7 @@ def run_workflow(folder, cores, start_up_s):
 
 
 def watch(process):
-    """A row a job of a running Snakemake: rule (its script's name), seconds, peak memory [MB = 10^6 bytes]."""
+    """One row per job of a running Snakemake: rule (its script's name), seconds, peak memory [MB = 10^6 bytes]."""
     jobs = {}
     while process.poll() is None:
         for child in psutil.Process(process.pid).children(recursive=True):

@@ -7,6 +7,7 @@ is timed in the same run, on as little as it needs, and the last column says how
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -20,17 +21,24 @@ import numpy as np
 import yaml
 
 from modlhmp.cleaning import clean_recording
-from modlhmp.forecasting import forecast_recording, make_forecaster
+from modlhmp.datasets import load_dataset
+from modlhmp.file_format import FileFormat, Recording
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.observe import current_velocity, observe, usable_tracks
-from modlhmp.maps import cliff, episodes, map_path, mean_shift, snippets, stef, swgmm
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.kinds import find
+from modlhmp.maps import cliff, episodes, mean_shift, snippets, stef, swgmm
 from modlhmp.maps.pieces import Metric
+from modlhmp.methods import make_forecaster
 from modlhmp.scoring.errors import ground_truth
-from modlhmp.settings import load_dataset, method_settings
+from modlhmp.scoring.recording import score_recording
+from modlhmp.settings import as_plain
 from modlhmp.storage import column, read_parquet, write_parquet
 from modlhmp.streams import stream_keys, uniforms
-from modlhmp.study import runtime, score_recording
+from modlhmp.study import runtime
 from modlhmp.study.demo import RECORDINGS, write_recording
+from modlhmp.study.layout import Layout
+from modlhmp.study.settings import load_run
 from modlhmp.tracks import clock_hours, clock_time, concatenate, read_tracks, write_tracks
 
 ROOT = Path(__file__).parents[1]
@@ -38,17 +46,24 @@ sys.path.insert(0, str(ROOT / "tests/reference"))
 import memory_twins  # noqa: E402 - not packages
 import twins  # noqa: E402
 
-CONFIG = yaml.safe_load((ROOT / "config/config.yaml").read_text())
+CONFIG = {}
+for file in ("budgets", "config"):
+    CONFIG |= yaml.safe_load((ROOT / f"config/{file}.yaml").read_text())
+RUN = load_run(CONFIG, ROOT / "config/datasets")
 SIZES = (4, 16)  # of the raw ATC file: memory is to be the same
 FIRST_FORECAST = """
 import json, sys
-from modlhmp.forecasting import forecast_recording, make_forecaster
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.methods import Method, make_forecaster
+from modlhmp.settings import build
+from modlhmp.site import Site
 from modlhmp.tracks import read_tracks, usable_tracks
 task = json.load(open(sys.argv[1]))
-forecaster = make_forecaster(task["kind"], task["options"], task["dataset"], task["map"])
-tracks = read_tracks(task["tracks"][0])
+method, site = Method.of(task["method"]), build(Site, task["dataset"])
+forecaster = make_forecaster(method.kind, method.options, site, task["map"])
+tracks = read_tracks(task["tracks"])
 one = tracks.take(slice(0, usable_tracks(tracks)[0, 1] + 1))
-list(forecast_recording(one, forecaster, task["dataset"], ("a", "b", "c"), 5, [0]))
+list(forecast_recording(one, forecaster, site, ("a", "b", "c"), 5, [0]))
 """
 
 
@@ -113,15 +128,19 @@ def recordings(folder):
         name, data_root = "demo_hall", folder
         for recording in (r for r in RECORDINGS if r.site == "hall"):
             write_recording(folder / recording.file, recording.site, recording.day, seed=1)
-    schema = yaml.safe_load((ROOT / "workflow/schemas/dataset.schema.yaml").read_text())
-    dataset = load_dataset(ROOT / f"config/datasets/{name}.yaml", schema, data_root)
-    by_split = {r["split"]: clean_recording(r["path"], dataset, r)[0] for r in dataset["recordings"]}
-    return dataset["title"], by_split["train"], by_split["test"], dataset
+    dataset = load_dataset(ROOT / f"config/datasets/{name}.yaml", data_root)
+    by_split = {one.split: clean_recording(one.path, dataset, one)[0] for one in dataset.recordings}
+    return dataset.title, by_split["train"], by_split["test"], dataset
+
+
+def map_path(folder, kind):
+    """Where a kind's map lies."""
+    return Path(folder) / find(kind).map_file
 
 
 def cliff_maps(train, dataset, folder):
     """CLiFF-maps: hour 13, whole day and all hours side by side in two processes, one hour's size on disk."""
-    hours = clock_hours(train.t, dataset["timezone"])
+    hours = clock_hours(train.t, dataset.timezone)
     hour = train.take(hours == 13)
     cliff.build(train.take(hours == np.unique(hours)[0]))  # compiles
     taken = seconds(cliff.build, hour)
@@ -134,9 +153,7 @@ def cliff_maps(train, dataset, folder):
     yield Row(f"CLiFF-map of hour 13, {len(hour.t):,} rows", taken, "s", 2.5, 1.0, plain / ours)
     start = time.perf_counter()
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        work = [
-            (folder / "train.parquet", folder / "maps", kind, dataset["timezone"]) for kind in ("tc_cliff", "cliff")
-        ]
+        work = [(folder / "train.parquet", folder / "maps", kind, dataset.timezone) for kind in ("tc_cliff", "cliff")]
         list(pool.map(build_cliff, *zip(*work, strict=True)))
     name = f"all {1 + len(np.unique(hours))} CLiFF-maps of the day, 2 cores, with start"
     yield Row(name, time.perf_counter() - start, "s", 25, 10)
@@ -167,16 +184,16 @@ def plain_location(heading, speed):
 def other_maps(train, dataset, folder):
     """STeF, episode and snippet maps."""
     built = []
-    taken = seconds(lambda: built.append(stef.build(train, dataset["timezone"])), repeat=3)
-    for hour in range(*dataset["hours"]):
+    taken = seconds(lambda: built.append(stef.build(train, dataset)), repeat=3)
+    for hour in range(*dataset.hours):
         evaluated = stef.evaluate(built[0], stef.middle_of_hour(hour))
         write_parquet(evaluated, map_path(folder, "stef") / f"{hour:02d}.parquet")
     cell = train.take((np.floor(train.x) == np.floor(train.x[0])) & (np.floor(train.y) == np.floor(train.y[0])))
-    plain = seconds(plain_cell, cell, dataset["timezone"], repeat=1) * built[0].num_rows / 8
+    plain = seconds(plain_cell, cell, dataset.timezone, repeat=1) * built[0].num_rows / 8
     yield Row("STeF-map of the day", taken, "s", 2.0, 1.0, plain / taken)
     for kind, build in (("episodes", episodes.build), ("snippets", snippets.build)):
-        taken = seconds(lambda build=build: build(train, dataset["time_step_s"]))
-        write_parquet(build(train, dataset["time_step_s"]), map_path(folder, kind))
+        taken = seconds(lambda build=build: build(train, dataset))
+        write_parquet(build(train, dataset), map_path(folder, kind))
         yield Row(f"{kind} map of the day", taken, "s")
 
 
@@ -187,26 +204,26 @@ def plain_cell(rows, timezone):
 
 
 def roll_outs(test, dataset, folder):
-    """Ranked roll-outs to the longest horizon, observing included, milliseconds a track."""
+    """Ranked roll-outs to the longest horizon, observing included, milliseconds per track."""
     for kind, goals in (("tc_cliff", (0.05, 0.02)), ("cliff", (None, None)), ("stef", (0.05, 0.02))):
         run, options = forecaster(test, kind, dataset, folder)
         taken = seconds(run) / run()
         path = map_path(folder, kind)
         plain = plain_roll_out(test, read_parquet(path / "13.parquet" if path.is_dir() else path), kind, dataset)
-        name = f"roll-out {kind}, k = {options['k']}, {dataset['horizon_s']} s, a track"
+        name = f"roll-out {kind}, k = {options.k}, {dataset.horizon_s} s, per track"
         yield Row(name, 1e3 * taken, "ms", *goals, plain / taken)
 
 
 def plain_roll_out(test, table, kind, dataset, tracks=20):
-    """Seconds a track of the plain twin's roll-outs with one map."""
+    """Seconds per track of the plain twin's roll-outs with one map."""
     observed = observe(test, usable_tracks(test)[:tracks])
-    velocity, keys = current_velocity(observed, dataset["velocity"]), stream_keys(observed.track_id, 5, 0)
+    velocity, keys = current_velocity(observed, dataset.velocity), stream_keys(observed.track_id, 5, 0)
     if kind == "stef":
         shares = column(table, "probabilities").reshape(table.num_rows, -1)
         mod = twins.PlainStef(column(table, "x").tolist(), column(table, "y").tolist(), shares.tolist(), 1.0)
     else:
         mod = twins.PlainCliff({name: column(table, name) for name in cliff.COLUMNS}, 1.0)
-    steps = round(dataset["horizon_s"] / dataset["time_step_s"])
+    steps = dataset.steps
     draws = np.stack([uniforms(keys.ravel(), step, mod.draws) for step in range(steps)], axis=1)
 
     def run():
@@ -218,33 +235,33 @@ def plain_roll_out(test, table, kind, dataset, tracks=20):
 
 
 def with_memory(train, test, dataset, folder):
-    """Forecasts with episodes and snippets, milliseconds a track."""
+    """Forecasts with episodes and snippets, milliseconds per track."""
     observed = observe(test, usable_tracks(test)[:1])
     seen = list(zip(observed.t[0], observed.x[0], observed.y[0], strict=True))
-    steps, weights = round(dataset["horizon_s"] / dataset["time_step_s"]), dataset["difference_weights"]
+    steps, weights = dataset.steps, dataset.difference_weights
 
     def hours(t):
-        return clock_time(np.array([t]), dataset["timezone"])[0]
+        return clock_time(np.array([t]), dataset.timezone)[0]
 
     for kind, goals in (("episodes", (0.5, 0.2)), ("snippets", (2.0, 1.0))):
         run, options = forecaster(test, kind, dataset, folder)
         taken = seconds(run, repeat=3) / run()
-        metric = Metric(*(options[name] for name in Metric._fields))
+        metric = Metric.of(options)
         table = read_parquet(map_path(folder, kind))
         if kind == "episodes":
-            arguments = memory_twins.rows_of(table), seen, steps, dataset["time_step_s"], options["k"], weights
+            arguments = memory_twins.rows_of(table), seen, steps, dataset.time_step_s, options.k, weights
             plain = seconds(memory_twins.replay, *arguments, metric, hours, repeat=1)
         else:
-            length = round(options["length_s"] / dataset["time_step_s"])
+            length = round(options.length_s / dataset.time_step_s)
             mod = memory_twins.PlainSnippets(table, weights, metric, hours, length)
             keys = stream_keys(observed.track_id, 10, 0)[0]
 
             def particles(mod=mod, keys=keys, options=options, length=length):
                 for key in keys:
-                    mod.particle(seen, key, steps, lambda row: row["stored"] <= length, options["kernel_m"])
+                    mod.particle(seen, key, steps, lambda row: row["stored"] <= length, options.bandwidth_m)
 
-            plain = seconds(particles, repeat=1) * options["k"] / len(keys)
-        name = f"{kind}, k = {options['k']}, {dataset['horizon_s']} s, a track"
+            plain = seconds(particles, repeat=1) * options.k / len(keys)
+        name = f"{kind}, k = {options.k}, {dataset.horizon_s} s, per track"
         yield Row(name, 1e3 * taken, "ms", *goals, plain / taken)
 
 
@@ -253,12 +270,12 @@ def forecaster(test, kind, dataset, folder):
 
     It returns the number of tracks. Like a job it keeps no forecast longer than it takes to write it.
     """
-    options = method_settings(CONFIG, kind, dataset["tuned"])["options"]
+    options = RUN.method(kind, dataset.tuned).options
     made = make_forecaster(kind, options, dataset, map_path(folder, kind))
 
     def run():
         names = ("bench", kind, "test")
-        return sum(len(ids) for _, ids, _ in forecast_recording(test, made, dataset, names, options["k"], [0]))
+        return sum(len(ids) for _, ids, _ in forecast_recording(test, made, dataset, names, options.k, [0]))
 
     run()
     return run, options
@@ -281,7 +298,7 @@ def reading(folder):
         real = folder / "tracks.07Oct.txt"
         write_recording(real, "forum", "2030-10-07", seed=1)
     taken, _, size = read(real, "edinburgh")
-    yield Row(f"Edinburgh raw text of {size:.0f} MB, a day", taken, "s", 0.6, 0.3)
+    yield Row(f"Edinburgh raw text of {size:.0f} MB, one day", taken, "s", 0.6, 0.3)
 
 
 def read(path, reader):
@@ -293,9 +310,8 @@ def read(path, reader):
 
 def read_alone(path, reader):
     """Clean one raw file, after a small one has loaded the kernels; print seconds, peak memory, size [MB]."""
-    dataset = {"reader": reader, "timezone": "Asia/Tokyo", "time_step_s": 1.0, "frame_rate": 9.0, "scale": 0.0247}
-    dataset["cleaning"] = ["single_row", "gap_over_5s"]
-    recording, path = {"day": "2030-10-02", "start": None if reader == "atc" else "08:00"}, Path(path)
+    form = FileFormat(reader=reader, timezone="Asia/Tokyo", frame_rate=9.0, scale=0.0247)
+    recording, path = Recording(day="2030-10-02", start=None if reader == "atc" else "08:00"), Path(path)
     with tempfile.TemporaryDirectory() as scratch:
         head = path
         if reader == "atc":
@@ -304,7 +320,7 @@ def read_alone(path, reader):
                 head.write_bytes(b"".join(file.readline() for _ in range(20_000)))
         for file in (head, path):
             start = time.perf_counter()
-            tracks, _ = clean_recording(file, dataset, recording)
+            tracks, _ = clean_recording(file, form, recording)
             write_tracks(tracks, Path(scratch, "tracks.parquet"))
             taken = time.perf_counter() - start
     print(taken, runtime.peak_mb(), path.stat().st_size / 1e6)
@@ -312,9 +328,9 @@ def read_alone(path, reader):
 
 def scoring(test, dataset, folder, tracks=10_000):
     """Both protocols on so many tracks of five ranked futures each."""
-    options = method_settings(CONFIG, "tc_cliff", dataset["tuned"])["options"]
+    options = RUN.method("tc_cliff", dataset.tuned).options
     made = make_forecaster("tc_cliff", options, dataset, map_path(folder, "tc_cliff"))
-    blocks = list(forecast_recording(test, made, dataset, ("bench", "tc_cliff", "test"), options["k"], [0]))
+    blocks = list(forecast_recording(test, made, dataset, ("bench", "tc_cliff", "test"), options.k, [0]))
     ids = np.concatenate([some for _, some, _ in blocks])
     forecast = Forecast(*map(np.concatenate, zip(*(one[:3] for *_, one in blocks), strict=True)), "ranked")
     times = -(-tracks // len(ids))
@@ -339,16 +355,19 @@ def scoring(test, dataset, folder, tracks=10_000):
 
 def jobs(test, dataset, folder):
     """What a forecasting process takes before and while it works, each in a process of its own."""
+    layout = Layout("bench", root=str(folder))
+    write_tracks(test, layout.tracks(dataset.name, "test"))
+    shutil.copytree(map_path(folder / "maps", "tc_cliff"), layout.map(dataset.name, "tc_cliff"))
+    method = RUN.method("tc_cliff", dataset.tuned)
     task = {
-        "map": str(map_path(folder / "maps", "tc_cliff")), "kind": "tc_cliff", "max_tracks": 10_000,
-        "options": method_settings(CONFIG, "tc_cliff", dataset["tuned"])["options"],
-        "tracks": [str(folder / "test.parquet")],
-        "dataset": {key: value for key, value in dataset.items() if key not in {"recordings", "sources"}},
+        "run": layout.run, "root": layout.root, "dataset": as_plain(dataset), "recordings": ["test"],
+        "method": method.plain(), "max_tracks": 10_000,
     }  # fmt: skip
     done = subprocess.run(
         [sys.executable, "-m", runtime.__name__], input=json.dumps(task), capture_output=True, text=True, check=True
     )
     yield Row("resident memory while forecasting", json.loads(done.stdout)["memory_mb"], "MB", 250, 200)
+    task |= {"map": layout.map(dataset.name, "tc_cliff"), "tracks": layout.tracks(dataset.name, "test")}
     (folder / "task.json").write_text(json.dumps(task))
     command = [sys.executable, "-c", FIRST_FORECAST, folder / "task.json"]
     taken = seconds(lambda: subprocess.run(command, check=True))

@@ -5,10 +5,9 @@ from pathlib import Path
 
 import hypothesis
 import pytest
-import yaml
 from xdist.scheduler import LoadScopeScheduling
 
-from modlhmp.settings import load_dataset
+from modlhmp.datasets import load_dataset
 
 ROOT = Path(__file__).parents[1]
 
@@ -35,30 +34,13 @@ def config_folder():
 
 
 @pytest.fixture(scope="session")
-def schemas():
-    """The project's JSON schemas: {"config": ..., "dataset": ...}."""
-    folder = ROOT / "workflow/schemas"
-    return {n: yaml.safe_load((folder / f"{n}.schema.yaml").read_text()) for n in ("config", "dataset")}
-
-
-@pytest.fixture(scope="session")
-def load_shipped(config_folder, schemas):
-    """Function (name, data_root) -> a shipped dataset file, loaded with the schema."""
+def load_shipped(config_folder):
+    """Function (name, data_root) -> a shipped dataset file, loaded."""
 
     def load(name, data_root):
-        return load_dataset(config_folder / "datasets" / f"{name}.yaml", schemas["dataset"], data_root)
+        return load_dataset(config_folder / "datasets" / f"{name}.yaml", data_root)
 
     return load
-
-
-@pytest.fixture(scope="session")
-def recording_named():
-    """Function (dataset, name) -> the recording of a loaded dataset."""
-
-    def find(dataset, name):
-        return next(recording for recording in dataset["recordings"] if recording["name"] == name)
-
-    return find
 
 
 @pytest.fixture
@@ -79,16 +61,24 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: "/workflow/test_run" not in str(item.path))
 
 
-class OneWorkerForTheTinyRun(LoadScopeScheduling):
-    """Tests that look at the tiny run go to one worker, which makes it; all others to whoever is free.
+RUN_OF = {  # test file: the run that it looks at
+    "tests/workflow/test_run.py": "tiny",
+    "tests/workflow/test_notebooks.py": "tiny",
+    "tests/workflow/test_reruns.py": "demo",
+    "tests/workflow/test_outside.py": "walks",
+}
+
+
+class OneWorkerForARun(LoadScopeScheduling):
+    """Tests that look at the same run of the workflow go to one worker, which makes it; all others to whoever is free.
 
     (pytest-xdist's own groups rename tests in a way that pytest 9.2 no longer allows.)
     """
 
     def _split_scope(self, nodeid):
-        return "tiny" if nodeid.startswith(("tests/workflow/test_run", "tests/workflow/test_notebooks")) else nodeid
+        return RUN_OF.get(nodeid.partition("::")[0], nodeid)
 
 
 def pytest_xdist_make_scheduler(config, log):
     """How `-n` spreads the tests."""
-    return OneWorkerForTheTinyRun(config, log)
+    return OneWorkerForARun(config, log)

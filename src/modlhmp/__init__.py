@@ -1,41 +1,65 @@
-"""Maps of dynamics and long-term human motion prediction.
+"""Maps of dynamics (MoDs) and long-term human motion prediction.
 
-Data flow one way: readers -> cleaning -> maps -> forecasting -> scoring -> paper.
+    tracks  = modlhmp.read_tracks("monday.csv", columns={...}, units={...})
+    a_map   = modlhmp.build_map("snippets", tracks)
+    futures = modlhmp.forecast(a_map, history, horizon_s=60)
+    modlhmp.score(futures, truth)
+
+Names are loaded when they are first used. Data flow one way: readers -> cleaning -> maps -> forecasting -> scoring ->
+networks -> study; imports follow them.
 """
 
-import contextlib
-import hashlib
-import os
-import re
-import tempfile
-from pathlib import Path
+TYPE_CHECKING = False  # for checkers of types; `typing` itself is not needed here
+if TYPE_CHECKING:
+    from modlhmp.api import Map, build_map, forecast, load_map, read_tracks, score
+    from modlhmp.futures import Futures, Scores
+    from modlhmp.kinds import Kind, all_kinds
+    from modlhmp.site import Site
+    from modlhmp.storage import DataError
+    from modlhmp.tracks import Tracks
 
 __version__ = "0.1.0"
 
+_HOMES = {
+    "read_tracks": "modlhmp.api",
+    "Tracks": "modlhmp.tracks",
+    "Site": "modlhmp.site",
+    "build_map": "modlhmp.api",
+    "load_map": "modlhmp.api",
+    "Map": "modlhmp.api",
+    "forecast": "modlhmp.api",
+    "Futures": "modlhmp.futures",
+    "score": "modlhmp.api",
+    "Scores": "modlhmp.futures",
+    "Kind": "modlhmp.kinds",
+    "all_kinds": "modlhmp.kinds",
+    "DataError": "modlhmp.storage",
+}
 
-def _kernel_cache():
-    """Where compiled kernels are kept: a folder a version of their sources and of the modules that these name.
-
-    Numba looks at a kernel's own file only, so after an edit of a function that it calls, or of a constant that it was
-    compiled with, it would go on with the old machine code. Where the folder named, or the home folder, cannot be
-    written to, it lies with the temporary files.
-    """
-    package, digest = Path(__file__).parent, hashlib.sha256()
-    sources = {file: file.read_bytes() for file in sorted(package.rglob("*.py"))}
-    used = {file for file, source in sources.items() if b"@kernel" in source}
-    for file in list(used):
-        for name in re.findall(rb"^from modlhmp\.([\w.]+) import", sources[file], re.MULTILINE):
-            used.add(package.joinpath(*name.decode().split(".")).with_suffix(".py"))
-    for file in sorted(used & sources.keys()):
-        digest.update(sources[file])
-    version, temporary = digest.hexdigest()[:12], Path(tempfile.gettempdir(), f"modlhmp-{os.getuid()}")
-    for base in (Path(os.environ.get("NUMBA_CACHE_DIR") or "~/.cache/modlhmp").expanduser(), temporary):
-        folder = base if base.name == version else base / version  # a child process inherits the folder
-        with contextlib.suppress(OSError):
-            folder.mkdir(parents=True, exist_ok=True)
-            if os.access(folder, os.W_OK):
-                return folder
-    raise OSError(f"compiled kernels can be kept neither in {folder} nor elsewhere: set NUMBA_CACHE_DIR to a folder")
+__all__ = [
+    "DataError",
+    "Futures",
+    "Kind",
+    "Map",
+    "Scores",
+    "Site",
+    "Tracks",
+    "all_kinds",
+    "build_map",
+    "forecast",
+    "load_map",
+    "read_tracks",
+    "score",
+]
 
 
-os.environ["NUMBA_CACHE_DIR"] = str(_kernel_cache())
+def __getattr__(name: str) -> object:
+    from importlib import import_module  # noqa: PLC0415 - `import modlhmp` loads nothing
+
+    if name not in _HOMES:
+        raise AttributeError(f"module 'modlhmp' has no attribute {name!r}; it has {', '.join(__all__)}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -1,36 +1,43 @@
-"""Cleaning: named rules that remove whole tracks, then the common time step.
+"""Cleaning: named rules that remove whole tracks.
 
 The rules of the Edinburgh recordings are B. Majecka's (see the paper, Sec. IV-A); every rule counts what it drops.
 """
 
-import numpy as np
-from matplotlib.path import Path as Polygon
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from modlhmp.file_format import FileFormat, Recording
 from modlhmp.readers import read_recording
 from modlhmp.storage import DataError
+from modlhmp.time_step import interpolate
 from modlhmp.tracks import MAX_GAP_S, Tracks
 
 VALIDATION_SHARE = 0.15
 BLOCK_S = 1800.0
+BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
 
-def clean_recording(path, dataset, recording):
-    """Read a recording, apply the dataset's cleaning rules in their order, bring it to the time step.
+def clean_recording(path: str | Path, form: FileFormat, recording: Recording) -> tuple[Tracks, dict[str, Any]]:
+    """Read a recording, apply the cleaning rules in their order, and resample it at the time step.
 
     Returns (Tracks at `time_step_s`, account as a dict of JSON data that adds up).
     """
-    tracks, account = read_recording(path, dataset, recording)
+    tracks, account = read_recording(path, form, recording.day, recording.start)
     # What each block dropped is counted; what is left belongs to tracks from here on.
     account.tracks_read += 0 if account.tracks_read else len(tracks.bounds()) - 1
-    for name, options in map(_rule, dataset["cleaning"]):
-        tracks = _drop(tracks, name, RULES[name](tracks, dataset, **options), account)
-    if recording.get("part"):
-        tracks = _drop(tracks, "other_part", held_out(tracks) != (recording["part"] == "validation"), account)
+    for name, options in map(_rule, form.cleaning):
+        tracks = _drop(tracks, name, RULES[name](tracks, form, **options), account)
+    if recording.part:
+        other = in_validation_blocks(tracks) != (recording.part == "validation")
+        tracks = _drop(tracks, "other_part", other, account)
     account.rows_kept = len(tracks.t)
     account.tracks_kept = len(tracks.bounds()) - 1
     if np.isnan(tracks.speed).all():
         try:
-            tracks = interpolate(tracks, dataset["time_step_s"])
+            tracks = interpolate(tracks, form.time_step_s)
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
     account.rows_written = len(tracks.t)
@@ -42,39 +49,39 @@ def clean_recording(path, dataset, recording):
     return tracks, account.as_dict()
 
 
-def single_row(tracks, dataset):
+def single_row(tracks: Tracks, form: FileFormat) -> np.ndarray:
     """Tracks of one row: no motion to learn from."""
     return _rows(tracks) == 1
 
 
-def gap_over_5s(tracks, dataset):
+def gap_over_5s(tracks: Tracks, form: FileFormat) -> np.ndarray:
     """Tracks with a gap of more than 5 s between two rows: probably two persons under one id."""
     return _any_row(
         tracks, np.concatenate([[False], (np.diff(tracks.t) > MAX_GAP_S) & (np.diff(tracks.track_id) == 0)])
     )
 
 
-def min_points(tracks, dataset, points):
+def min_points(tracks: Tracks, form: FileFormat, points: int) -> np.ndarray:
     """Tracks with fewer than `points` rows: spurious detections."""
     return _rows(tracks) < points
 
 
-def start_end_margin(tracks, dataset, polygons):
+def start_end_margin(tracks: Tracks, form: FileFormat, polygons: list[list[list[float]]]) -> np.ndarray:
     """Tracks that start or end outside all of `polygons` (in the file's pixels), the doors' side of the scene."""
-    starts, ends = _ends(tracks, dataset["scale"])
-    return ~(_inside(starts, polygons) & _inside(ends, polygons))
+    starts, ends = _ends(tracks, form.scale)
+    return ~(inside_polygons(starts, polygons) & inside_polygons(ends, polygons))
 
 
-def lift_loiterers(tracks, dataset, polygons):
+def lift_loiterers(tracks: Tracks, form: FileFormat, polygons: list[list[list[float]]]) -> np.ndarray:
     """Tracks that both start and end inside `polygons` (in the file's pixels), where people wait for the lift."""
-    starts, ends = _ends(tracks, dataset["scale"])
-    return _inside(starts, polygons) & _inside(ends, polygons)
+    starts, ends = _ends(tracks, form.scale)
+    return inside_polygons(starts, polygons) & inside_polygons(ends, polygons)
 
 
 RULES = {rule.__name__: rule for rule in (single_row, gap_over_5s, min_points, start_end_margin, lift_loiterers)}
 
 
-def held_out(tracks, seed=0):
+def in_validation_blocks(tracks: Tracks, seed: int = 0) -> np.ndarray:
     """Whether tracks belong to the validation part of their recording: those that begin in some blocks of time.
 
     About `VALIDATION_SHARE` of the recording's half-hours with people, drawn with `seed`, at least one. Companions stay
@@ -86,39 +93,25 @@ def held_out(tracks, seed=0):
     return np.isin(block, np.random.default_rng(seed).permutation(blocks)[:number])
 
 
-def interpolate(tracks, step_s):
-    """Each track on a grid of `step_s` from its own first row, linearly; velocities are backward differences.
+def inside_polygons(points: np.ndarray, polygons: Sequence[Sequence[Sequence[float]]]) -> np.ndarray:
+    """Whether points [n, 2] lie in at least one of `polygons`, lists of corners that close themselves.
 
-    The first row of a track has no velocity (NaN).
+    Points on the border are inside. What a polygon's own edges enclose twice is outside (the even-odd rule).
     """
-    bounds = tracks.bounds()
-    if len(bounds) == 1:
-        return tracks
-    first, last = bounds[:-1], bounds[1:] - 1
-    duration = tracks.t[last] - tracks.t[first]
-    counts = np.floor(duration / step_s + 1e-6) + 1
-    if counts.sum() > 100 * len(tracks.t) + 86_400 / step_s:
-        raise DataError("tracks have gaps of hours; add `gap_over_5s` to the dataset's `cleaning`")
-    counts = counts.astype(np.int64)
-    # One np.interp serves all tracks: they are laid one after the other on a common axis.
-    offset = np.concatenate([[0.0], np.cumsum(duration + 2 * step_s)[:-1]])
-    axis = tracks.t - np.repeat(tracks.t[first] - offset, np.diff(bounds))
-    track = np.repeat(np.arange(len(first)), counts)
-    step = (np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)) * step_s
-    grid = step + offset[track]
-    x, y = np.interp(grid, axis, tracks.x), np.interp(grid, axis, tracks.y)
-    speed, heading = backward_differences(tracks.track_id[first][track], step, x, y)
-    return Tracks(tracks.track_id[first][track], tracks.t[first][track] + step, x, y, speed, heading)
-
-
-def backward_differences(track_id, t, x, y):
-    """Speed [m/s] and heading [rad] from the row before, NaN on each track's first row."""
-    speed, heading = np.full(len(t), np.nan), np.full(len(t), np.nan)
-    same = np.flatnonzero(np.diff(track_id) == 0)
-    dx, dy = x[same + 1] - x[same], y[same + 1] - y[same]
-    speed[same + 1] = np.hypot(dx, dy) / (t[same + 1] - t[same])
-    heading[same + 1] = np.arctan2(dy, dx)
-    return speed, heading
+    x, y = np.asarray(points, float).reshape(-1, 2).T
+    inside = np.zeros(len(x), bool)
+    for polygon in polygons:
+        corners = np.asarray(polygon, float)
+        odd = np.zeros(len(x), bool)  # whether a ray to the right crosses an odd number of edges
+        for (x0, y0), (x1, y1) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            dx, dy, px, py = x1 - x0, y1 - y0, x - x0, y - y0
+            if dy:
+                odd ^= ((y0 > y) != (y1 > y)) & (px < py * (dx / dy))
+            length = dx * dx + dy * dy
+            along = np.clip((px * dx + py * dy) / length, 0, 1) if length else 0.0
+            inside |= np.hypot(px - along * dx, py - along * dy) <= BORDER
+        inside |= odd
+    return inside
 
 
 def _rule(entry):
@@ -144,12 +137,3 @@ def _ends(tracks, scale):
     bounds = tracks.bounds()
     positions = np.column_stack([tracks.x, tracks.y]) / scale
     return positions[bounds[:-1]], positions[bounds[1:] - 1]
-
-
-def _inside(points, polygons):
-    inside = np.zeros(len(points), bool)
-    for polygon in polygons:
-        # Points on the border are inside; the sign of `radius` follows the polygon's sense of rotation.
-        for radius in (1e-9, -1e-9):
-            inside |= Polygon(polygon).contains_points(points, radius=radius)
-    return inside

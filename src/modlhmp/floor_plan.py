@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 import yaml
-from PIL import Image
 
 from modlhmp.storage import DataError
 
@@ -22,21 +21,25 @@ class FloorPlan(NamedTuple):
 
     cells: np.ndarray
     resolution: float
-    origin: tuple
+    origin: tuple[float, float]
     yaw: float
 
 
-def image_of(path):
+def image_of(path: str | Path) -> Path:
     """Image file that a floor plan's YAML file names; `DataError` for a bad YAML file."""
     return Path(path).parent / str(_read_yaml(path)["image"])
 
 
-def load_floor_plan(path):
+def load_floor_plan(path: str | Path) -> FloorPlan:
     """Load a `FloorPlan`; `DataError` names the file, the key and the value where something is wrong.
 
     A pixel of grey value v is occupied with p = (255 - v) / 255 (v / 255 with `negate`), OCCUPIED if p is above
     `occupied_thresh`, FREE if below `free_thresh`.
     """
+    try:
+        from PIL import Image  # noqa: PLC0415 - an extra: maps and forecasts do without it
+    except ImportError:
+        raise DataError(f'{path}: reading a floor plan needs Pillow: pip install "modlhmp[plans]"') from None
     settings = _read_yaml(path)
     file = image_of(path)
     try:
@@ -52,7 +55,7 @@ def load_floor_plan(path):
     return FloorPlan(cells[::-1], float(settings["resolution"]), (x, y), yaw)
 
 
-def occupied_depth(plan):
+def occupied_depth(plan: FloorPlan) -> np.ndarray:
     """How far [m] each cell's centre lies inside occupied area, [rows, columns] float32; 0 elsewhere.
 
     What lies beyond the plan is not occupied.
@@ -63,7 +66,7 @@ def occupied_depth(plan):
     return (np.maximum(inside - 0.5, 0.0) * plan.resolution).astype(np.float32)
 
 
-def value_at(plan, grid, x, y):
+def value_at(plan: FloorPlan, grid: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Value of `grid` [rows, columns] in the cell of each position (x, y) [m], 0 beyond the plan and for NaN."""
     dx, dy = np.asarray(x, float) - plan.origin[0], np.asarray(y, float) - plan.origin[1]
     cos, sin = np.cos(plan.yaw), np.sin(plan.yaw)
@@ -87,7 +90,7 @@ def _read_yaml(path):
     if not (isinstance(origin, list) and len(origin) == 3 and all(map(_is_number, origin))):
         raise DataError(f"{path}: origin {origin!r} is not [x, y, yaw] in m and rad")
     if not (_is_number(settings["resolution"]) and settings["resolution"] > 0):
-        raise DataError(f"{path}: resolution {settings['resolution']!r} is not a positive number of metres a pixel")
+        raise DataError(f"{path}: resolution {settings['resolution']!r} is not a positive number of metres per pixel")
     if not (_is_number(occupied) and _is_number(free) and 0 <= free <= occupied <= 1):
         raise DataError(f"{path}: thresholds must obey 0 <= free_thresh {free!r} <= occupied_thresh {occupied!r} <= 1")
     if settings.get("mode", "trinary") not in {"trinary", "scale"}:

@@ -6,8 +6,10 @@ import logging
 import sys
 import traceback
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
+import pyarrow as pa
 from tqdm import tqdm
 
 from modlhmp.storage import DataError
@@ -17,11 +19,12 @@ progress = functools.partial(tqdm, delay=5.0, mininterval=5.0)
 
 
 @contextlib.contextmanager
-def job_log(path):
+def job_log(path: str | Path) -> Iterator[logging.Logger]:
     """Yield a logger that writes to `path` and to stderr.
 
     A `DataError` is logged as its message, anything else with its traceback; both end the process with status 1.
     """
+    pa.set_memory_pool(pa.system_memory_pool())  # gives memory back; the default one keeps some 20 MB in every job
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     logging.basicConfig(
         level=logging.WARNING, format="%(message)s", force=True,

@@ -1,400 +1,343 @@
-"""Configuration and dataset files: closed schemas, plain messages, recordings resolved to files."""
+"""Typed settings: dataclasses are the one source of defaults, checks, messages, JSON schemas and tables.
 
+A settings class is a frozen dataclass whose fields are made by `option`. Using settings costs nothing else:
+pydantic is imported only where a user's settings are checked.
+"""
+
+import dataclasses
 import difflib
-import glob
-import math
-import os
-import re
-from datetime import date
-from pathlib import Path
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+import functools
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, TypeVar
 
-import jsonschema
-import yaml
+from annotated_types import Ge, Gt, Le, MultipleOf
 
-from modlhmp.cleaning import RULES
-from modlhmp.floor_plan import image_of
-from modlhmp.maps import KINDS as MAP_KINDS
-from modlhmp.maps import SAMPLED
-from modlhmp.networks import KINDS as LEARNED_KINDS
-from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.storage import DataError
 
-DATASET_DEFAULTS = {
-    "time_step_s": 1.0,
-    "observed_rows": 4,
-    "cleaning": ["single_row", "gap_over_5s"],
-    "paper_protocol": {"idle_filter": None},
-    "floor_plan": None,
-    "areas": [],
-    "sources": [],
-    "demo": False,
-    "paper_results": None,
-    "difference_weights": [0.48, 0.33, 0.19],
-    "tuned": {},
-}
-THINNED = ("cliff", "episodes", "snippets")
-VALIDATION_DAYS = 0.3
-AVERAGED = ("average", "cvm", "episodes", "snippets", *(kind for kind in LEARNED_KINDS if kind != "mid"))
-_READER_NEEDS = {
-    "edinburgh": ("frame_rate", "scale"),
-    "edinburgh_rows": ("frame_rate", "scale", "row_stride"),
-    "delimited": ("columns",),
-}
-_RULE_NEEDS = {"min_points": "points", "start_end_margin": "polygons", "lift_loiterers": "polygons"}
+WholeFrom0 = Annotated[int, Ge(0)]
+WholeFrom1 = Annotated[int, Ge(1)]
+WholeFrom2 = Annotated[int, Ge(2)]
+Width = Annotated[int, Ge(4), MultipleOf(4)]
+From0 = Annotated[float, Ge(0)]
+Positive = Annotated[float, Gt(0)]
+Share = Annotated[float, Ge(0), Le(1)]
+Seconds = Annotated[int, Gt(0)] | Annotated[float, Gt(0)]  # whole ones stay whole: tables show 5 for 5
+
+T = TypeVar("T")
+TOP = "top level"
+# Names of old: key -> key, and (key, value) -> values, of which the one that the key takes where it stands is told.
+RENAMED_KEYS = {"kernel_m": "bandwidth_m", "validation": "held_out"}
+RENAMED_VALUES = {("velocity", "columns"): ("as_recorded", "dataset")}
 
 
-def check(settings, schema, source):
-    """Raise `DataError` naming `source`, the key and the remedy unless `settings` fit the JSON schema `schema`."""
-    validator = jsonschema.Draft202012Validator(schema)
-    problems = [
-        _explain(error)
-        for error in sorted(validator.iter_errors(settings), key=lambda e: [str(part) for part in e.path])
-    ]
-    if problems:
-        raise DataError(f"{source}:\n  " + "\n  ".join(problems))
+def option(default: Any = dataclasses.MISSING, meaning: str = "") -> Any:
+    """A field of a settings class: its default (without one the key is required) and what it means, in one line."""
+    about = {"description": meaning}
+    if isinstance(default, dict | list) or dataclasses.is_dataclass(default):
+        copied = functools.partial(dataclasses.replace, default) if dataclasses.is_dataclass(default) else default.copy  # type: ignore[type-var]
+        return dataclasses.field(default_factory=copied, metadata=about)
+    return dataclasses.field(default=default, metadata=about)
 
 
-def _explain(error):
-    where = ".".join(str(part) for part in error.absolute_path) or "top level"
-    if error.validator == "additionalProperties":
-        known = list(error.schema.get("properties", {}))
-        unknown = [key for key in error.instance if key not in known]
-        hints = [(key, difflib.get_close_matches(str(key), known, 1)) for key in unknown]
-        return "; ".join(
-            f"{where}: unknown key {key!r}"
-            + (f", did you mean {hint[0]!r}?" if hint else f" (known: {', '.join(known)})")
-            for key, hint in hints
-        )
-    if error.validator == "type" and isinstance(error.instance, str) and error.validator_value in {"integer", "number"}:
-        # Snakemake hands on what stands inside lists and mappings of --config as text.
-        return f"{where}: {error.message}; numbers inside lists and mappings belong in a file (--configfile)"
-    hint = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
-    return f"{where}: {error.message}" + (f" ({hint})" if hint else "")
+def check(cls: type[T], plain: Any, source: object, required: Iterable[str] = (), within: str = "") -> T:
+    """An instance of a settings class from a mapping as YAML gives it; `required` are keys that it must have as well.
 
-
-def check_config(config, datasets_folder):
-    """Checks that a schema cannot say: names that must exist elsewhere in the configuration."""
-    ladder = config["ladder"]
-    named = {
-        "compare": config["compare"],
-        "studies.method": [config["studies"]["method"]],
-        "studies.training.methods": config["studies"]["training"]["methods"],
-        "uncertainty.methods": config["uncertainty"]["methods"],
-        "comparisons": [name for pair in config["comparisons"] for name in pair],
-        "ladder.reference": [ladder["reference"]],
-        "ladder.rows": [method for method, _ in ladder["rows"]],
-        "ladder.beside": [name for *pair, _ in ladder["beside"] for name in pair],
-    }
-    for name in config["methods"]:
-        for member in members(config, name):
-            if member not in config["methods"]:
-                raise DataError(_unknown(f"methods.{name}.options.of", "method", member, config["methods"]))
-            if config["methods"][member]["kind"] not in AVERAGED:
-                raise DataError(
-                    f"configuration, methods.{name}.options.of: {member} has no single path to be averaged; "
-                    f"kinds that have are {', '.join(AVERAGED)}"
-                )
-    for name in config["methods"]:
-        averaged_parts(config, name)
-    for key, names in named.items():
-        for name in names:
-            if name not in config["methods"]:
-                raise DataError(_unknown(key, "method", name, config["methods"]))
-    for name in config["studies"]["training"]["methods"]:
-        if config["methods"][name]["kind"] not in THINNED:
-            raise DataError(f"configuration, studies.training: {name} is not of a kind {', '.join(THINNED)}")
-    studied = config["studies"]["method"]
-    if config["methods"][studied]["kind"] not in SAMPLED:
-        raise DataError(f"configuration, studies.method: {studied} has no map to sample, so neither beta nor r_s")
-    for name in config["uncertainty"]["methods"]:
-        if config["methods"][name]["kind"] not in MAP_KINDS:
-            raise DataError(
-                f"configuration, uncertainty.methods: {name} has no samples to score; methods that have are of the "
-                f"kinds {', '.join(MAP_KINDS)}"
-            )
-    known = sorted(file.stem for file in Path(datasets_folder).glob("*.yaml"))
-    for name in config["datasets"]:
-        if name not in known:
-            raise DataError(_unknown("datasets", "dataset", name, known))
-
-
-def methods_run(config):
-    """Names of all methods that a run needs: those compared, those of the ladder, and those that others average."""
-    names = [*config["compare"], *ladder_methods(config)]
-    for name in names:  # grows while it is read
-        names += [member for member in members(config, name) if member not in names]
-    return list(dict.fromkeys(names))
-
-
-def ladder_rows(config):
-    """Rows of the ladder, none unless the last one's method is compared: whoever leaves that out wants no ladder."""
-    rows = config["ladder"]["rows"]
-    return rows if rows and rows[-1][0] in config["compare"] else []
-
-
-def ladder_methods(config):
-    """Methods of the ladder: its rungs, what they are compared with, and the pairs beside them; none without rungs."""
-    ladder, rungs = config["ladder"], [method for method, _ in ladder_rows(config)]
-    beside = [name for *pair, _ in ladder["beside"] for name in pair]
-    return list(dict.fromkeys([*rungs, ladder["reference"], *beside])) if rungs else []
-
-
-def members(config, name):
-    """The methods whose forecasts a method averages; none for most."""
-    method = config["methods"][name]
-    return method.get("options", {}).get("of", []) if method["kind"] == "average" else []
-
-
-def averaged_parts(config, name, within=()):
-    """The methods that make their own forecasts of those that a method averages, itself if it averages none."""
-    if name in within:
-        raise DataError(f"configuration, methods.{name}.options.of: {' of '.join((*within, name))} averages itself")
-    parts = [part for one in members(config, name) for part in averaged_parts(config, one, (*within, name))]
-    return list(dict.fromkeys(parts)) or [name]
-
-
-def method_settings(config, name, tuned=None):
-    """All that a method's forecasts depend on: its `kind` and `options`, for a learned one also `learned`.
-
-    Options come from the configuration's section for its kind (`rollout` for maps that are sampled, `episodes`,
-    `snippets`, the budget's for networks), then from what a dataset file has `tuned` for the kind; the method's own
-    `options` win, and over them what is `tuned` for the method itself. A learned method's may also name another
-    `budget` or kind of `futures`.
+    `within` are the keys, such as `maps.cliff`, under which the mapping stands in `source`.
+    Numbers may be text, as in `1e-3`, which YAML takes for text, or in `--config`. `DataError` names `source`, every
+    key that is wrong, its value and the remedy.
     """
-    tuned = tuned or {}
-    kind = config["methods"][name]["kind"]
-    own = {**tuned.get(kind, {}), **config["methods"][name].get("options", {}), **tuned.get(name, {})}
-    if kind in LEARNED_KINDS:
-        learned = {key: own.get(key, value) for key, value in config["learned"].items() if key != "threads"}
-        sizes = {key: value for key, value in own.items() if key not in learned}
-        return {"kind": kind, "options": {**config["budgets"][learned["budget"]][kind], **sizes}, "learned": learned}
-    if kind in SAMPLED:
-        return {"kind": kind, "options": {**config["rollout"], **own}}
-    if kind == "cvm":
-        return {"kind": kind, "options": {"velocity": config["rollout"]["velocity"], **own}}
-    return {"kind": kind, "options": {**config.get(kind, {}), **own}}
+    from pydantic import ValidationError  # noqa: PLC0415 - 0.15 s that only a check needs
+
+    told = dict(_mistaken_flags(cls, plain))
+    try:
+        found = _adapter(cls).validate_python(plain)  # type: ignore[arg-type]
+    except ValidationError as error:
+        told |= _explained(cls, error.errors(), told)
+    missing = [key for key in required if key not in plain] if isinstance(plain, Mapping) else []
+    told |= {(key,): f"{TOP}: the key {key!r} is required" for key in missing}
+    if told:
+        lines = [_within(within, text) for text in dict.fromkeys(told.values())]
+        raise DataError(f"{source}:\n  " + "\n  ".join(lines))
+    return found
 
 
-def _unknown(key, what, name, known):
-    close = difflib.get_close_matches(name, list(known), 1)
+def build(cls: type[T], plain: Mapping[str, Any]) -> T:
+    """An instance of a settings class from what `as_plain` made of one; nothing is checked, other keys are ignored."""
+    hints = typing.get_type_hints(cls)
+    names = [field.name for field in dataclasses.fields(cls) if field.name in plain]  # type: ignore[arg-type]
+    return cls(**{name: _built(hints[name], plain[name]) for name in names})
+
+
+def as_plain(settings: Any) -> Any:
+    """Settings as mappings, lists and scalars: what JSON and YAML can hold."""
+    if dataclasses.is_dataclass(settings):
+        return {f.name: as_plain(getattr(settings, f.name)) for f in dataclasses.fields(settings)}
+    if isinstance(settings, Mapping):
+        return {key: as_plain(value) for key, value in settings.items()}
+    return [as_plain(value) for value in settings] if isinstance(settings, list | tuple) else settings
+
+
+def json_schema(cls: type, required: Iterable[str] = ()) -> dict[str, Any]:
+    """JSON schema of a settings class, for editors; `required` as in `check`."""
+    schema = _adapter(cls).json_schema()
+    both = list(dict.fromkeys([*schema.get("required", []), *required]))
+    return {**schema, "required": both} if both else schema
+
+
+def fields_of(cls: type) -> list[tuple[str, str, Any, str]]:
+    """Name, type, default (`MISSING`: required) and meaning of every option of a settings class, for tables."""
+    hints, rows = typing.get_type_hints(cls, include_extras=True), []
+    for field in dataclasses.fields(cls):
+        default = field.default
+        if field.default_factory is not dataclasses.MISSING:
+            default = field.default_factory()
+        rows.append((field.name, type_name(hints[field.name]), default, field.metadata.get("description", "")))
+    return rows
+
+
+def type_name(hint: Any) -> str:
+    """How a type is called in tables and messages."""
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        return type_name(inner[0]) + "".join(filter(None, map(_limit, inner[1:])))
+    if origin is typing.Literal:
+        return " or ".join(f"`{value}`" for value in inner)
+    if origin in {typing.Union, types.UnionType}:
+        names = [type_name(one) for one in inner]
+        every = [name for name in names if name.startswith("whole ") and name.removeprefix("whole ") in names]
+        return " or ".join(name for name in names if name not in every)
+    if origin in {tuple, list}:
+        return f"list of {type_name(inner[0])}"
+    if origin is dict:
+        return "mapping"
+    plain = {int: "whole number", float: "number", str: "text", bool: "true or false", type(None): "null", Any: "any"}
+    return plain.get(hint, "mapping")
+
+
+def unknown(where: str, what: str, name: object, known: Iterable[str]) -> str:
+    """The message that there is no such thing, with the nearest of those that there are."""
+    known = list(known)
+    close = difflib.get_close_matches(str(name), known, 1)
     hint = f"did you mean {close[0]!r}?" if close else f"known: {', '.join(known)}"
-    return f"configuration, {key}: no {what} named {name!r}; {hint}"
+    if RENAMED_KEYS.get(str(name)) in known:
+        hint = f"it is now called {RENAMED_KEYS[str(name)]!r}"
+    return f"{where}: no {what} named {name!r}; {hint}"
 
 
-def check_datasets(datasets, run):
-    """Checks between datasets: exhibits of two must not overwrite each other, nor pass for the demo's."""
-    labels = [dataset["label"] for dataset in datasets.values()]
-    if twice := {label for label in labels if labels.count(label) > 1}:
-        names = [name for name, dataset in datasets.items() if dataset["label"] in twice]
-        raise DataError(f"datasets {', '.join(names)}: their exhibits carry the same `label`; change one")
-    if run == "demo" and not all(dataset["demo"] for dataset in datasets.values()):
-        raise DataError("configuration, run: `demo` is for the demo's recordings; give your run a name of its own")
+@functools.cache
+def _adapter(cls: type) -> Any:
+    from pydantic import ConfigDict, TypeAdapter  # noqa: PLC0415 - see `check`
+
+    for one in _settings_classes(cls):
+        one.__pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+    return TypeAdapter(cls)
 
 
-def validation_part(dataset):
-    """The dataset without its test recordings: part of the training recordings stands in for them.
+def _settings_classes(hint: Any) -> Iterable[Any]:
+    """A settings class and all that its fields hold."""
+    if dataclasses.is_dataclass(hint):
+        yield hint
+        for inner in typing.get_type_hints(hint).values():
+            yield from _settings_classes(inner)
+    for inner in typing.get_args(hint):
+        yield from _settings_classes(inner)
 
-    The last `VALIDATION_DAYS` of the training days, rounded up; a single day is cut by blocks of time
-    (`cleaning.held_out`), which gives two recordings of each. What is chosen in such a run has not seen the test set.
+
+def _built(hint: Any, value: Any) -> Any:
+    """A value of a type from its plain form."""
+    hint = _branch(hint, value)
+    inner = typing.get_args(hint)
+    if dataclasses.is_dataclass(hint) and isinstance(value, Mapping):
+        return build(hint, value)  # type: ignore[arg-type]
+    if typing.get_origin(hint) is dict and isinstance(value, Mapping):
+        return {key: _built(inner[1], one) for key, one in value.items()}
+    if typing.get_origin(hint) is tuple and isinstance(value, list | tuple):
+        return tuple(_built(one, part) for one, part in zip(_parts(hint, value), value, strict=True))
+    return value
+
+
+def _branch(hint: Any, value: Any) -> Any:
+    """A type without its bounds; of several that may be, the one of the value's form, as it is if there is none."""
+    if typing.get_origin(hint) is Annotated:
+        return _branch(typing.get_args(hint)[0], value)
+    if typing.get_origin(hint) not in {typing.Union, types.UnionType}:
+        return hint
+    branches = [_branch(one, value) for one in typing.get_args(hint) if one is not type(None)]
+    if len(branches) == 1:
+        return branches[0]
+    forms = [_form(one) for one in branches]
+    form = Mapping if isinstance(value, Mapping) else tuple if isinstance(value, list | tuple) else type(value)
+    return branches[forms.index(form)] if form in forms else hint
+
+
+def _form(hint: Any) -> Any:
+    """What a plain value of a type is."""
+    if dataclasses.is_dataclass(hint):
+        return Mapping
+    origin = typing.get_origin(hint)
+    return {dict: Mapping, list: tuple}.get(origin, origin) or hint
+
+
+def _parts(hint: Any, value: Any) -> list[Any]:
+    """Types of the entries of a list."""
+    inner = typing.get_args(hint)
+    given = list(inner) if typing.get_origin(hint) is tuple and Ellipsis not in inner else []
+    return (given + [inner[0] if inner else Any] * len(value))[: len(value)]
+
+
+def _dotted(path: Iterable[Any]) -> str:
+    return ".".join(map(str, path)) or TOP
+
+
+def _within(keys: str, text: str) -> str:
+    """A message about a mapping as one about that which it stands in, under these keys."""
+    if not keys:
+        return text
+    return f"{keys}{text.removeprefix(TOP)}" if text.startswith(f"{TOP}:") else f"{keys}.{text}"
+
+
+def _mistaken_flags(hint: Any, value: Any, path: tuple[Any, ...] = (), meaning: str = "") -> Iterable[Any]:
+    """Where true or false stands for a number, or a number for these (pydantic takes both): paths and messages."""
+    hint = _branch(hint, value)
+    several = typing.get_args(hint) if typing.get_origin(hint) in {typing.Union, types.UnionType} else ()
+    about = f" ({meaning})" if meaning else ""
+    if isinstance(value, bool) and {hint, *(_branch(one, value) for one in several)} & {int, float}:
+        yield path, f"{_dotted(path)}: {value} is not a number{about}"
+    elif hint is bool and isinstance(value, int | float) and not isinstance(value, bool):
+        yield path, f"{_dotted(path)}: {value!r} is not true or false{about}"
+    elif isinstance(value, Mapping) and dataclasses.is_dataclass(hint):
+        hints = typing.get_type_hints(hint, include_extras=True)
+        for field in (field for field in dataclasses.fields(hint) if field.name in value):
+            meant, name = field.metadata.get("description", ""), field.name
+            yield from _mistaken_flags(hints[name], value[name], (*path, name), meant)
+    elif isinstance(value, Mapping) and typing.get_origin(hint) is dict:
+        for key, one in value.items():
+            yield from _mistaken_flags(typing.get_args(hint)[1], one, (*path, key), meaning)
+    elif isinstance(value, list | tuple) and typing.get_origin(hint) in {tuple, list}:
+        for number, one in enumerate(_parts(hint, value)):
+            yield from _mistaken_flags(one, value[number], (*path, number), meaning)
+
+
+def _explained(cls: type, errors: Iterable[Any], known: Iterable[Any]) -> dict[tuple[Any, ...], str]:
+    """Pydantic's errors in the project's words, by the path of keys to each; none at the paths that are `known`."""
+    told: dict[tuple[Any, ...], str] = {}
+    for error in errors:
+        path, owner, hint, meaning = _walk(cls, error["loc"])
+        place = (*path, *(part for part in error["loc"][-1:] if part == "[key]"))  # a key may be wrong, and its value
+        if place not in told and place not in known:
+            told[place] = _explain(path, owner, hint, meaning, error)
+    # Where a value may be of several types, or a list has too few good entries, what lies deeper says more.
+    return {path: text for path, text in told.items() if not any(_above(path, other) for other in told)}
+
+
+def _above(path: tuple[Any, ...], other: tuple[Any, ...]) -> bool:
+    return len(other) > len(path) and other[: len(path)] == path
+
+
+def _walk(cls: type, loc: Iterable[Any]) -> tuple[tuple[Any, ...], Any, Any, str]:
+    """Where pydantic's location of an error leads: the keys, the class of the last one, its type and meaning.
+
+    The location also names types, where a value may be of several, which no user wrote.
     """
-    training = [recording for recording in dataset["recordings"] if recording["split"] == "train"]
-    days = sorted({recording["day"] for recording in training})
-    if len(days) > 1:
-        held = days[-math.ceil(VALIDATION_DAYS * len(days)) :]
-        parts = [{**r, "split": "test" if r["day"] in held else "train"} for r in training]
+    path: list[Any] = []
+    owner: Any = cls
+    hint, meaning = typing.cast(Any, cls), ""
+    for part in loc:
+        if typing.get_origin(hint) is Annotated:
+            hint = typing.get_args(hint)[0]
+        branches = [one for one in typing.get_args(hint) if one is not type(None)]
+        if typing.get_origin(hint) in {typing.Union, types.UnionType}:
+            if len(branches) > 1:  # `part` is a type
+                named = [one for one in branches if str(part).startswith((_tag(one), f"function-after[{_tag(one)}"))]
+                hint = named[0] if named and _form(named[0]) in {Mapping, tuple} else hint
+                continue
+            hint = typing.get_args(branches[0])[0] if typing.get_origin(branches[0]) is Annotated else branches[0]
+        if part == "[key]":
+            hint = str
+            continue
+        path.append(part)
+        if dataclasses.is_dataclass(hint):
+            owner = hint
+            field = next((field for field in dataclasses.fields(hint) if field.name == part), None)
+            meaning = field.metadata.get("description", "") if field else ""
+            hint = typing.get_type_hints(hint, include_extras=True).get(part, Any)
+        elif typing.get_origin(hint) is dict:
+            hint = typing.get_args(hint)[1]
+        elif typing.get_origin(hint) in {tuple, list} and isinstance(part, int):
+            hint = _parts(hint, range(part + 1))[part]
+    return tuple(path), owner, hint, meaning
+
+
+def _tag(hint: Any) -> str:
+    """How pydantic begins the name of a type."""
+    return getattr(typing.get_origin(hint) or hint, "__name__", str(hint))
+
+
+def _explain(path: tuple[Any, ...], owner: Any, hint: Any, meaning: str, error: Any) -> str:
+    """One of pydantic's errors in the project's words."""
+    kind, value, bounds = error["type"], error["input"], error.get("ctx", {})
+    if kind in {"unexpected_keyword_argument", "extra_forbidden", "invalid_key"}:
+        known = [field.name for field in dataclasses.fields(owner)]
+        if RENAMED_KEYS.get(path[-1]) in known:
+            remedy = f": it is now called {RENAMED_KEYS[path[-1]]!r}"
+        else:
+            close = difflib.get_close_matches(str(path[-1]), known, 1)
+            remedy = f", did you mean {close[0]!r}?" if close else f" (known: {', '.join(known)})"
+        return f"{_dotted(path[:-1])}: unknown key {path[-1]!r}{remedy}"
+    if kind.startswith("missing") and not isinstance(path[-1], int):
+        return f"{_dotted(path[:-1])}: the key {path[-1]!r} is required"
+    if kind == "missing":  # of a list of a fixed length
+        path, text = path[:-1], f"{value!r} is too short"
+    elif renamed := [new for new in RENAMED_VALUES.get(_key_and_value(path, value), ()) if new in _choices(hint)]:
+        text = f"{value!r} is now called {renamed[0]!r}"
+    elif kind == "literal_error":
+        text = f"{value!r} is not one of {bounds['expected']}"
+    elif kind == "string_type" and isinstance(value, int | float) and _branch(hint, value) is str:
+        text = f"YAML takes {value!r} for a number; quote it"
+    elif kind == "finite_number":
+        text = f"{value!r} is not a finite number"
+    elif kind.endswith(("_type", "_parsing", "_parsing_size", "int_from_float")):
+        text = f"{value!r} is not {_noun(hint)}"
+    elif kind.startswith(("greater_than", "less_than", "multiple_of")):
+        words = {"ge": "at least", "gt": "above", "le": "at most", "lt": "below", "multiple_of": "a multiple of"}
+        text = f"{value!r} is not " + " and ".join(f"{words[name]} {bound:g}" for name, bound in bounds.items())
+    elif kind.endswith(("too_short", "too_long")):
+        short = f"short, at least {bounds.get('min_length')} needed"
+        text = f"{value!r} is too " + (
+            short if kind.endswith("short") else f"long, at most {bounds['max_length']} allowed"
+        )
     else:
-        names = {"fit": "train", "validation": "test"}
-        parts = [
-            {**r, "name": f"{r['name']}-{part}", "part": part, "split": split}
-            for r in training
-            for part, split in names.items()
-        ]
-    return {**dataset, "recordings": parts}
+        text = f"{value!r}: {error['msg'][0].lower()}{error['msg'][1:]}"
+    return f"{_dotted(path)}: {text}" + (f" ({meaning})" if meaning else "")
 
 
-def check_tuned(datasets, config, schema):
-    """Options that dataset files have `tuned` must be of a kind or method that exists, and ones that it takes."""
-    kinds = {method["kind"]: {"kind": method["kind"], "title": ""} for method in config["methods"].values()}
-    tunable = {**kinds, **config["methods"]}
-    known = {name: method for name, method in tunable.items() if method["kind"] != "average"}
-    for dataset in datasets.values():
-        for name, options in dataset["tuned"].items():
-            source = f"config/datasets/{dataset['name']}.yaml, tuned"
-            if name not in known:
-                raise DataError(_unknown(source, "kind or method", name, known))
-            merged = {**known[name], "options": {**known[name].get("options", {}), **options}}
-            check({**config, "methods": {**config["methods"], name: merged}}, schema, source)
+def _key_and_value(path: tuple[Any, ...], value: Any) -> tuple[str, str]:
+    return (str(path[-1]) if path else "", value if isinstance(value, str) else "")
 
 
-def load_dataset(path, schema, data_root, demo_root=None):
-    """Load a dataset file, check it, fill its defaults and resolve its recordings.
-
-    They lie under `data_root`, generated ones under `demo_root` where that is given.
-
-    `floor_plan` becomes the list of its files, YAML and image (if the YAML is there); empty where there is none.
-    Each of the returned `recordings` has `name`, `path`, `stored` (the file on disk: `path`, or the archive that it
-    leads into) and `member` of it, `file` (`stored` under `data_root`), `exists`, `day`, `start` and `split`.
-    A file that does not exist keeps the path where it is expected.
-    """
-    try:
-        listed = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: also a date that does not exist
-        raise DataError(f"{path}: not valid YAML in UTF-8 ({error})") from None
-    if not isinstance(listed, dict):
-        raise DataError(f"{path}: a dataset file is a mapping of keys, see config/README.md")
-    listed = _dates_as_text(listed)
-    check(listed, schema, path)
-    dataset = {"label": Path(path).stem, **DATASET_DEFAULTS, **listed, "name": Path(path).stem}
-    _check_dataset(path, dataset)
-    data_root = demo_root if dataset["demo"] and demo_root else data_root
-    dataset["recordings"] = [
-        found for entry in dataset["recordings"] for found in _resolve(path, entry, dataset, data_root)
-    ]
-    dataset["floor_plan"] = _floor_plan_files(path, dataset, data_root)
-    names = [recording["name"] for recording in dataset["recordings"]]
-    if twice := {name for name in names if names.count(name) > 1}:
-        raise DataError(f"{path}: two recordings are named {', '.join(sorted(twice))}; give the files different names")
-    for split in ("train", "test"):
-        if not any(recording["split"] == split for recording in dataset["recordings"]):
-            raise DataError(
-                f"{path}: no recording has `split: {split}`; maps need training, scores need test recordings"
-            )
-    return dataset
+def _choices(hint: Any) -> list[Any]:
+    """All that a type lists literally."""
+    inner = typing.get_args(hint)
+    return list(inner) if typing.get_origin(hint) is typing.Literal else [x for one in inner for x in _choices(one)]
 
 
-def _check_dataset(path, dataset):
-    try:
-        ZoneInfo(dataset["timezone"])
-    except (ZoneInfoNotFoundError, ValueError, OSError):
-        raise DataError(
-            f"{path}: timezone {dataset['timezone']!r} is unknown; use a name such as Europe/London"
-        ) from None
-    for key in _READER_NEEDS.get(dataset["reader"], ()):
-        if dataset.get(key) is None:
-            raise DataError(f"{path}: reader {dataset['reader']!r} needs the key {key!r}")
-    units = dataset.get("units", {})
-    for unit, key in (("px", "scale"), ("frame", "frame_rate")):
-        if unit in units.values() and dataset.get(key) is None:
-            raise DataError(f"{path}: units in {unit!r} need the key {key!r}")
-    has_velocity = dataset["reader"] in {"atc", "atc_1hz"} or "speed" in dataset.get("columns", {})
-    if dataset["velocity"] == "columns" and not has_velocity:
-        raise DataError(f"{path}: velocity: columns needs speed and heading columns; use velocity: differences")
-    if ("speed" in dataset.get("columns", {})) != ("heading" in dataset.get("columns", {})):
-        raise DataError(f"{path}: columns: give both speed and heading, or neither")
-    first, last = dataset["hours"]
-    if first >= last:
-        raise DataError(f"{path}: hours [{first}, {last}] are empty; say [first, one after the last]")
-    if "figure_hours" not in dataset:
-        dataset["figure_hours"] = sorted({first, (first + last - 1) // 2, last - 1})
-    if not re.fullmatch(r"[A-Za-z0-9_-]+", dataset["label"]):
-        raise DataError(f"{path}: name the file with letters, digits, _ and - only, or give it a `label` of these")
-    no_clock = dataset["reader"].startswith("edinburgh") or units.get("time") == "frame"
-    if no_clock and not all(entry.get("start") for entry in dataset["recordings"]):
-        raise DataError(
-            f'{path}: the files have no clock; every entry of `recordings` needs a `start`, such as "09:00"'
-        )
-    steps = dataset["horizon_s"] / dataset["time_step_s"]
-    if abs(steps - round(steps)) > 1e-9 or steps < 1:
-        raise DataError(
-            f"{path}: horizon_s {dataset['horizon_s']} is not a multiple of time_step_s {dataset['time_step_s']}"
-        )
-    for entry in dataset["cleaning"]:
-        name, options = (entry, {}) if isinstance(entry, str) else next(iter(entry.items()))
-        if name not in RULES:
-            raise DataError(f"{path}: " + _unknown("cleaning", "rule", name, RULES))
-        if set(options) != ({_RULE_NEEDS[name]} if name in _RULE_NEEDS else set()):
-            raise DataError(
-                f"{path}: cleaning rule {name} takes {_RULE_NEEDS.get(name, 'no option')}, got {sorted(options)}"
-            )
-        if "points" in options and not (type(options["points"]) is int and options["points"] > 0):
-            raise DataError(
-                f"{path}: cleaning rule {name}: points {options['points']!r} is not a positive whole number"
-            )
-        if "polygons" in options and not _are_polygons(options["polygons"]):
-            raise DataError(f"{path}: cleaning rule {name}: polygons must be lists of at least three [x, y] corners")
-    for area in dataset["areas"]:
-        if not _are_polygons(area["polygons"]):
-            raise DataError(f"{path}: area {area['title']}: polygons must be lists of at least three [x, y] corners")
+def _noun(hint: Any) -> str:
+    """A type as a noun."""
+    if typing.get_origin(hint) is Annotated:
+        return _noun(typing.get_args(hint)[0])
+    if typing.get_origin(hint) in {typing.Union, types.UnionType}:
+        nouns = [_noun(one) for one in typing.get_args(hint) if one is not type(None)]
+        return " or ".join(noun for noun in nouns if noun != "a whole number" or "a number" not in nouns)
+    known = {str: "text", bool: "true or false", list: "a list", tuple: "a list"}
+    return known.get(typing.get_origin(hint) or hint) or f"a {type_name(hint)}"
 
 
-def _are_polygons(value):
-    """Whether `value` is a list of polygons: lists of three or more [x, y]."""
-    return (
-        isinstance(value, list)
-        and value
-        and all(isinstance(polygon, list) and len(polygon) >= 3 for polygon in value)
-        and all(
-            isinstance(corner, list) and len(corner) == 2 and all(type(part) in (int, float) for part in corner)
-            for polygon in value
-            for corner in polygon
-        )
-    )
-
-
-def _floor_plan_files(path, dataset, data_root):
-    if dataset["floor_plan"] is None:
-        return []
-    file = Path(data_root) / dataset["floor_plan"]
-    if dataset["demo"]:  # made by the workflow
-        return [str(file), str(file.with_suffix(".pgm"))]
-    if not file.exists():  # asked for like a missing recording
-        return [str(file)]
-    if not image_of(file).exists():
-        raise DataError(f"{file}: image {image_of(file)} does not exist; put it there, or correct `image`")
-    return [str(file), str(image_of(file))]
-
-
-def _resolve(path, entry, dataset, data_root):
-    """One `recordings` entry to the recordings it stands for."""
-    try:
-        date.fromisoformat(entry["day"])
-    except ValueError:
-        raise DataError(f"{path}: day {entry['day']!r} is not a date like 2012-10-24") from None
-    root, listed = Path(data_root), entry["files"]
-    found = [find_recording(root / listed)]
-    if glob.has_magic(listed):
-        found = [root / file for file in sorted(glob.glob(listed, root_dir=root))]
-    if not found:
-        raise DataError(
-            f"{path}: no file matches {root / listed}; correct `files`, or `data_root` in the configuration"
-        )
-    return [
-        {
-            "name": _stem(file or listed),
-            "path": str(file or root / listed),
-            "stored": stored,
-            "member": member,
-            "file": os.path.relpath(stored, root),
-            "exists": file is not None,
-            "day": entry["day"],
-            "start": entry.get("start"),
-            "split": entry["split"],
-            "part": None,
-        }
-        for file in found
-        for stored, member in [_stored(file or root / listed)]
-    ]
-
-
-def _stored(file):
-    """The file on disk that holds a recording, and the member of it that `archive.zip/member.csv` names."""
-    before, inside, member = str(file).partition(".zip/")
-    return (before + ".zip", member) if inside else (str(file), None)
-
-
-def _stem(file):
-    name = Path(file).name
-    for suffix in COMPRESSED:
-        name = name.removesuffix(suffix)
-    stem, _, suffix = name.rpartition(".")
-    return stem if stem and suffix in {"csv", "txt", "tsv", "ndjson", "dat"} else name
-
-
-def _dates_as_text(value):
-    """YAML turns 2012-10-24 into a date; the schema and JSON want text."""
-    if isinstance(value, dict):
-        return {key: _dates_as_text(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_dates_as_text(entry) for entry in value]
-    return value.isoformat() if isinstance(value, date) else value
+def _limit(constraint: Any) -> str:
+    """A bound in words."""
+    bounds = {"ge": "at least", "gt": "above", "le": "at most", "multiple_of": "a multiple of"}
+    for name, words in bounds.items():
+        if (value := getattr(constraint, name, None)) is not None:
+            return f", {words} {value:g}"
+    return ""

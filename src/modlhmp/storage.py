@@ -3,7 +3,10 @@
 import hashlib
 import json
 import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,19 +16,18 @@ _PROVENANCE = b"modlhmp"
 _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
 }  # fmt: skip
-pa.set_memory_pool(pa.system_memory_pool())  # gives memory back; the default one keeps some 20 MB in every job
 
 
 class DataError(ValueError):
     """Something is wrong with the user's data or settings; the message names file, row, value and remedy."""
 
 
-def write_parquet(table, path, **provenance):
+def write_parquet(table: pa.Table | Mapping[str, Any], path: str | Path, **provenance: Any) -> None:
     """Write a `pyarrow.Table` (or a dict of columns) to `path`, with `provenance` as JSON in the metadata."""
     write_pieces([pa.table(table) if isinstance(table, dict) else table], path, **provenance)
 
 
-def write_pieces(tables, path, **provenance):
+def write_pieces(tables: Iterable[pa.Table], path: str | Path, **provenance: Any) -> None:
     """Write tables of one form, of which there is at least one, as a single one; they are taken as they come."""
     tables = iter(tables)
     table = next(tables)
@@ -36,7 +38,7 @@ def write_pieces(tables, path, **provenance):
             table = next(tables, None)
 
 
-def packing(schema):
+def packing(schema: pa.Schema) -> dict[str, Any]:
     """Options of the Parquet writer that make our tables smallest.
 
     Bytes of float32 numbers are stored by place (files a fifth to a half smaller), whole numbers as differences.
@@ -51,7 +53,7 @@ def packing(schema):
     return {"compression": "zstd", "use_dictionary": others, "column_encoding": encodings}
 
 
-def column(table, name):
+def column(table: pa.Table, name: str) -> np.ndarray:
     """A column without nulls as an array that may not be written to; of a column of lists, all their values.
 
     Not by `to_numpy`, which imports pandas: 0.15 s and 50 MB of every job.
@@ -62,7 +64,7 @@ def column(table, name):
     return np.from_dlpack(values.flatten() if pa.types.is_nested(values.type) else values)
 
 
-def read_parquet(path, columns=None):
+def read_parquet(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
     """Read a table; a missing or damaged file is a `DataError` that says how to get it back."""
     try:
         return pq.ParquetFile(path).read(columns, use_threads=False)
@@ -70,24 +72,24 @@ def read_parquet(path, columns=None):
         raise DataError(f"{path}: cannot be read as Parquet ({error}); delete it and run the workflow again") from None
 
 
-def read_pieces(path, columns=None):
+def read_pieces(path: str | Path, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
     """Yield a table in the pieces in which it was written."""
     file = pq.ParquetFile(path)
     for group in range(file.num_row_groups):
         yield file.read_row_group(group, columns, use_threads=False)
 
 
-def provenance_metadata(**provenance):
+def provenance_metadata(**provenance: Any) -> dict[bytes, str]:
     """Schema metadata that carries `provenance` as JSON."""
     return {_PROVENANCE: json.dumps(provenance, sort_keys=True)}
 
 
-def read_metadata(path):
+def read_metadata(path: str | Path) -> dict[str, Any]:
     """The provenance that a file carries (empty for a foreign file)."""
     return json.loads((pq.read_schema(path).metadata or {}).get(_PROVENANCE, b"{}"))
 
 
-def write_text(path, text):
+def write_text(path: str | Path, text: str) -> None:
     """Write a text file atomically."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -96,28 +98,33 @@ def write_text(path, text):
 class atomic_path:  # noqa: N801 - reads as a verb in `with atomic_path(path) as temporary`
     """Context that yields a temporary name beside `path` and renames it on success, removes it on failure."""
 
-    def __init__(self, path):
+    def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
 
-    def __enter__(self):
+    def __enter__(self) -> Path:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         return self.temporary
 
-    def __exit__(self, kind, value, traceback):
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
+    ) -> None:
         if kind is None:
             self.temporary.replace(self.path)
         else:
             self.temporary.unlink(missing_ok=True)
 
 
-def file_sha256(path):
+def file_sha256(path: str | Path) -> str:
     """SHA-256 of a file's bytes as hexadecimal text."""
+    digest = hashlib.sha256()
     with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        while block := file.read(1 << 18):
+            digest.update(block)
+    return digest.hexdigest()
 
 
-def provenance(wildcards, params, inputs):
+def provenance(wildcards: Mapping[str, Any], params: Mapping[str, Any], inputs: Iterable[str | Path]) -> dict[str, Any]:
     """Where a result comes from: dataset and other wildcards, hash of the settings, code version, source files.
 
     `inputs` are the files it was made of: a raw file is hashed, a Parquet file hands on the sources it carries, and

@@ -10,8 +10,8 @@ import numpy as np
 from modlhmp.kernels import kernel
 
 
-def stream_keys(track_ids, k, *names):
-    """One 64-bit key a track and sample [n, k], from `names` (seed, dataset, method, recording) and nothing else.
+def stream_keys(track_ids: np.ndarray, k: int, *names: object) -> np.ndarray:
+    """One 64-bit key per track and sample [n, k], from `names` (seed, dataset, method, recording) and nothing else.
 
     So a forecast does not depend on batches, order, shards, cores or on how many samples are drawn.
     """
@@ -21,8 +21,8 @@ def stream_keys(track_ids, k, *names):
     return _mix(track + np.arange(k, dtype=np.uint64) * _GOLDEN)
 
 
-def uniforms(keys, step, draws):
-    """Numbers in (0, 1), one row a key: [n, draws] for `keys` [n]; a counter-based generator (SplitMix64).
+def uniforms(keys: np.ndarray, step: int, draws: int) -> np.ndarray:
+    """Numbers in (0, 1), one row per key: [n, draws] for `keys` [n]; a counter-based generator (SplitMix64).
 
     G. Steele, D. Lea, C. Flood, Fast splittable pseudorandom number generators, OOPSLA 2014.
     """

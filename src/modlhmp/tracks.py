@@ -1,11 +1,13 @@
 """The track table: who was where, when, how fast and which way.
 
-One row a person and time step, sorted by track, then time. Units: s (unix, UTC), m, m/s, rad in (-pi, pi].
+One row per person and time step, sorted by track, then time. Units: s (unix, UTC), m, m/s, rad in (-pi, pi].
 """
 
+from collections.abc import Iterable
 from datetime import datetime
 from functools import lru_cache
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo
 
 import numpy as np
@@ -28,28 +30,28 @@ class Tracks(NamedTuple):
     speed: np.ndarray
     heading: np.ndarray
 
-    def take(self, rows):
+    def take(self, rows: np.ndarray | slice) -> "Tracks":
         """The rows of a mask or an index array."""
         return Tracks(*(column[rows] for column in self))
 
-    def bounds(self):
+    def bounds(self) -> np.ndarray:
         """First row of every track and, as the last entry, the number of rows: shape [tracks + 1]."""
         changes = np.flatnonzero(self.track_id[1:] != self.track_id[:-1]) + 1
         return np.concatenate([[0], changes, [len(self.t)]]) if len(self.t) else np.zeros(1, np.int64)
 
 
-def empty_tracks():
+def empty_tracks() -> Tracks:
     """A table without rows."""
     return Tracks(*(np.empty(0, kind) for kind in COLUMNS.values()))
 
 
-def concatenate(tables):
+def concatenate(tables: Iterable[Tracks]) -> Tracks:
     """One table of several, in the order given (ids must differ between them)."""
     tables = list(tables)
     return Tracks(*map(np.concatenate, zip(*tables, strict=True))) if tables else empty_tracks()
 
 
-def together(tables):
+def together(tables: Iterable[Tracks]) -> Tracks:
     """One table of several recordings, in their order; ids may repeat between them, so each gets a range of its own."""
     shift, distinct = 0, []
     for table in tables:
@@ -59,12 +61,12 @@ def together(tables):
     return concatenate(distinct)
 
 
-def write_tracks(tracks, path, **provenance):
-    """Write the clean form of a recording (design: `tracks/{recording}.parquet`)."""
+def write_tracks(tracks: Tracks, path: str | Path, **provenance: Any) -> None:
+    """Write the clean form of a recording."""
     write_parquet(pa.table(dict(zip(COLUMNS, tracks, strict=True))), path, **provenance)
 
 
-def read_tracks(path):
+def read_tracks(path: str | Path) -> Tracks:
     """Read a clean recording; `DataError` if it lacks a column."""
     table = read_parquet(path)
     missing = [name for name in COLUMNS if name not in table.column_names]
@@ -73,12 +75,12 @@ def read_tracks(path):
     return Tracks(*(column(table, name) for name in COLUMNS))
 
 
-def runs(first, counts):
+def runs(first: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Whole numbers first, first + 1, ... of `counts` [m] runs that begin at `first` [m], one run after the other."""
     return np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
 
 
-def usable_tracks(tracks, observed_rows=4):
+def usable_tracks(tracks: Tracks, observed_rows: int = 4) -> np.ndarray:
     """First and last row of every usable track: more rows than are observed and no gap over 5 s; [n, 2]."""
     bounds = tracks.bounds()
     first, last = bounds[:-1], bounds[1:] - 1
@@ -89,7 +91,20 @@ def usable_tracks(tracks, observed_rows=4):
     return np.column_stack([first, last])[usable]
 
 
-def positions_at(tracks, rows, when, track=None):
+def laid_out(tracks: Tracks, rows: np.ndarray, apart_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tracks one after the other on a common axis of time, `apart_s` between them, so that one np.interp serves all.
+
+    `rows` [m, 2] are the first and last row of m tracks. Returns the axis [s] at each of their rows, the offset [m] [s]
+    of each track on it, and the index of their rows in the table.
+    """
+    first, last = rows[:, 0], rows[:, 1]
+    offset = np.concatenate([[0.0], np.cumsum(tracks.t[last] - tracks.t[first] + apart_s)])[:-1]
+    counts = last - first + 1
+    index = runs(first, counts)
+    return tracks.t[index] - np.repeat(tracks.t[first] - offset, counts), offset, index
+
+
+def positions_at(tracks: Tracks, rows: np.ndarray, when: np.ndarray, track: np.ndarray | None = None) -> np.ndarray:
     """Positions [n, T, 2] at `when` [n, T] s after a track's first row: linear between rows, held at both ends.
 
     `rows` [m, 2] are the first and last row of m tracks; `track` [n] says whose each row of `when` is (default: each
@@ -97,28 +112,24 @@ def positions_at(tracks, rows, when, track=None):
     """
     if not len(when):
         return np.empty((*np.shape(when), 2))
-    # One np.interp serves all tracks: their rows are laid one after the other on a common axis.
+    axis, offset, index = laid_out(tracks, rows, 10.0)
     duration = tracks.t[rows[:, 1]] - tracks.t[rows[:, 0]]
-    offset = np.concatenate([[0.0], np.cumsum(duration + 10.0)])[:-1]
-    counts = rows[:, 1] - rows[:, 0] + 1
-    index = runs(rows[:, 0], counts)
-    axis = tracks.t[index] - np.repeat(tracks.t[rows[:, 0]] - offset, counts)
     whose = slice(None) if track is None else track
     at = np.clip(when, 0.0, duration[whose][:, None]) + offset[whose][:, None]
     return np.stack([np.interp(at, axis, column[index]) for column in (tracks.x, tracks.y)], axis=-1)
 
 
-def clock_hours(t, timezone):
+def clock_hours(t: np.ndarray, timezone: str) -> np.ndarray:
     """Local clock hour (0-23) of unix times [s]."""
     return (np.floor(np.asarray(t, float) + clock_offsets(t, timezone)).astype(np.int64) // 3600) % 24
 
 
-def clock_time(t, timezone):
+def clock_time(t: np.ndarray, timezone: str) -> np.ndarray:
     """Clock time of day [h] of unix times [s]."""
     return np.mod(t + clock_offsets(t, timezone), 86400.0) / 3600.0
 
 
-def clock_offsets(t, timezone):
+def clock_offsets(t: np.ndarray, timezone: str) -> np.ndarray:
     """Local time minus UTC [s] at unix times [s]; zones change theirs at full minutes."""
     minutes, inverse = np.unique(np.floor_divide(np.asarray(t, float), 60).astype(np.int64), return_inverse=True)
     offsets = [_offset(minute, timezone) for minute in minutes.tolist()]
@@ -126,5 +137,6 @@ def clock_offsets(t, timezone):
 
 
 @lru_cache(maxsize=1 << 16)
-def _offset(minute, timezone):
-    return datetime.fromtimestamp(60 * minute, ZoneInfo(timezone)).utcoffset().total_seconds()
+def _offset(minute: int, timezone: str) -> float:
+    local = datetime.fromtimestamp(60 * minute, ZoneInfo(timezone))
+    return local.utcoffset().total_seconds()  # type: ignore[union-attr]

@@ -1,6 +1,7 @@
 """Damaged, wrong and foreign files: a `DataError` that names the file and the remedy, or a counted drop."""
 
 import bz2
+import dataclasses
 import gzip
 import itertools
 import re
@@ -12,33 +13,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from modlhmp.cleaning import clean_recording
+from modlhmp.file_format import Columns, FileFormat, Recording
 from modlhmp.readers import read_recording
 from modlhmp.storage import DataError
 from modlhmp.study import demo
 
-DATASETS = {
-    "atc": {"reader": "atc", "timezone": "Asia/Tokyo"},
-    "atc_1hz": {"reader": "atc_1hz", "timezone": "Asia/Tokyo"},
-    "edinburgh": {"reader": "edinburgh", "timezone": "Europe/London", "frame_rate": 9.0, "scale": 0.0247},
-    "edinburgh_rows": {
-        "reader": "edinburgh_rows", "timezone": "Europe/London", "frame_rate": 9.0, "scale": 0.0247, "row_stride": 4,
-    },
-    "named": {
-        "reader": "delimited", "timezone": "Europe/London", "header": True,
-        "columns": {"t": "time", "track_id": "person", "x": "x", "y": "y"},
-    },
-    "positions": {
-        "reader": "delimited", "timezone": "Europe/London", "columns": {"t": 0, "track_id": 1, "x": 2, "y": 3},
-    },
-}  # fmt: skip
-RECORDINGS = {
-    "atc": {"day": "2012-10-24"},
-    "atc_1hz": {"day": "2012-10-24"},
-    "edinburgh": {"day": "2010-07-01", "start": "09:00"},
-    "edinburgh_rows": {"day": "2010-07-01", "start": "09:00"},
-    "named": {"day": "2010-07-01", "start": "09:00"},
-    "positions": {"day": "2010-07-01", "start": "09:00"},
+LONDON = {"timezone": "Europe/London"}
+FORUM = {**LONDON, "frame_rate": 9.0, "scale": 0.0247}
+FORMS = {
+    "atc": FileFormat(reader="atc", timezone="Asia/Tokyo"),
+    "atc_1hz": FileFormat(reader="atc_1hz", timezone="Asia/Tokyo"),
+    "edinburgh": FileFormat(reader="edinburgh", **FORUM),
+    "edinburgh_rows": FileFormat(reader="edinburgh_rows", row_stride=4, **FORUM),
+    "named": FileFormat(header=True, columns=Columns(t="time", track_id="person", x="x", y="y"), **LONDON),
+    "positions": FileFormat(columns=Columns(t=0, track_id=1, x=2, y=3), **LONDON),
 }
+ATC_DAY, OTHER_DAY = Recording(day="2012-10-24"), Recording(day="2010-07-01", start="09:00")
+RECORDINGS = {name: ATC_DAY if name.startswith("atc") else OTHER_DAY for name in FORMS}
 T0 = 1_351_038_000  # 24 Oct 2012, 09:20 in Japan
 
 STEPS = range(12)
@@ -62,8 +53,7 @@ COUNTER = itertools.count()
 
 def clean(path, form, cleaning=("single_row", "gap_over_5s")):
     """Read and clean; whatever comes back must add up."""
-    dataset = {"time_step_s": 1.0, "cleaning": list(cleaning), **DATASETS[form]}
-    tracks, account = clean_recording(path, dataset, RECORDINGS[form])
+    tracks, account = clean_recording(path, dataclasses.replace(FORMS[form], cleaning=cleaning), RECORDINGS[form])
     for kind in ("rows", "tracks"):
         assert account[kind]["read"] == account[kind]["kept"] + sum(account[kind]["dropped"].values())
         assert all(count > 0 for count in account[kind]["dropped"].values())
@@ -319,13 +309,16 @@ def test_no_header_where_one_is_expected(write):
 
 @pytest.mark.parametrize("form", TABLES)
 def test_a_day_that_is_not_the_files(write, form):
-    dataset = {"time_step_s": 1.0, "cleaning": [], **DATASETS[form]}
     content = GOOD[form]
-    if "start" in RECORDINGS[form]:  # these hold no date, but their clock can leave the day
+    if RECORDINGS[form].start:  # these hold no date, but their clock can leave the day
         content = re.sub(r"^(\d+)", lambda m: str(int(m[1]) + 9 * 86_400), content, flags=re.M)
     path = write(content)
     with pytest.raises(DataError) as error:
-        clean_recording(path, dataset, {**RECORDINGS[form], "day": "2012-10-25"})
+        clean_recording(
+            path,
+            dataclasses.replace(FORMS[form], cleaning=()),
+            dataclasses.replace(RECORDINGS[form], day="2012-10-25"),
+        )
     assert path.name in str(error.value)
     assert "outside_day" in str(error.value)
     assert str(2 * len(STEPS)) in str(error.value)
@@ -473,16 +466,15 @@ def test_any_damage_to_an_archive_adds_up_or_is_refused(folder, suffix, edits):
 @pytest.mark.parametrize(("site", "name"), [("hall", "atc-20301009.csv"), ("forum", "tracks.04Nov.txt")])
 @settings(max_examples=25)
 @given(edits=EDITS)
-def test_any_damage_to_a_demo_day_adds_up_or_is_refused(folder, load_shipped, recording_named, site, name, edits):
+def test_any_damage_to_a_demo_day_adds_up_or_is_refused(folder, load_shipped, site, name, edits):
     good = folder / f"good-{name}"
     if not good.exists():
         demo.write_recording(good, site, "2030-10-09", seed=1, scale=0.02)
     path = folder / name
     path.write_bytes(mutated(good.read_bytes(), edits))
     dataset = load_shipped(f"demo_{site}", folder)
-    recording = {**recording_named(dataset, path.stem), "day": "2030-10-09"}
     try:
-        tracks, account = read_recording(path, dataset, recording)
+        tracks, account = read_recording(path, dataset, "2030-10-09", dataset.recording(path.stem).start)
     except DataError as error:
         assert name in str(error)
     else:

@@ -1,23 +1,27 @@
 """Maps with memory: damaged, foreign and empty files, and training recordings with hardly anybody in them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from modlhmp.forecasting import forecast_recording, make_forecaster
+from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.maps import episodes, exits, snippets
-from modlhmp.maps.exits import WithExits
+from modlhmp.methods import make_forecaster
+from modlhmp.options import Episodes, Snippets
+from modlhmp.site import Site
 from modlhmp.storage import DataError, write_parquet
 from modlhmp.tracks import Tracks, concatenate, write_tracks
 
-DATASET = {
-    "difference_weights": [0.48, 0.33, 0.19], "observed_rows": 4, "time_step_s": 1.0, "horizon_s": 8.0,
-    "timezone": "Europe/London", "velocity": "differences",
-}  # fmt: skip
-METRIC = {"heading_m": 8.0, "speed_m": 8.0, "change_m": 2.0, "hour_m": 1.0, "pace": 1.0, "exclude_s": 0}
+SITE = Site(
+    difference_weights=(0.48, 0.33, 0.19), observed_rows=4, time_step_s=1.0, horizon_s=8.0, timezone="Europe/London",
+    velocity="differences",
+)  # fmt: skip
+METRIC = {"heading_m": 8.0, "speed_m": 8.0, "change_m": 2.0, "hour_m": 1.0, "pace": 1.0, "exclude_s": 0.0}
 OPTIONS = {
-    "episodes": {"k": 5, "reach_m": 10.0, "persons": 1.0, **METRIC},
-    "snippets": {"k": 5, "length_s": 5.0, "most": 50, "kernel_m": 1.5, "exits": True, **METRIC},
+    "episodes": Episodes(k=5, reach_m=10.0, **METRIC),
+    "snippets": Snippets(k=5, length_s=5.0, most=50, bandwidth_m=1.5, exits=True, **METRIC),
 }
 BUILD = {"episodes": episodes.build, "snippets": snippets.build, "exits": exits.build}
 NAMES = {"episodes": "an episode map", "snippets": "a snippet flow map", "exits": "a map of ways out"}
@@ -43,8 +47,8 @@ def people(number, rows=12, began=1.3e9, apart=1.0):
 def load(form, path):
     """The forecaster of a map's file, or the map with ways out."""
     if form == "exits":
-        return WithExits.load(Anywhere(), path)
-    return make_forecaster(form, OPTIONS[form], DATASET, path)
+        return exits.with_exits(Anywhere(), path, SITE)
+    return make_forecaster(form, OPTIONS[form], SITE, path)
 
 
 def refused(form, path, *parts):
@@ -57,7 +61,7 @@ def refused(form, path, *parts):
 
 def forecast(form, path, tracks):
     """Forecast of the usable tracks of a recording with a map's file."""
-    seeds = forecast_recording(tracks, load(form, path), DATASET, ("a", form, "b"), 5, [0])
+    seeds = forecast_recording(tracks, load(form, path), SITE, ("a", form, "b"), 5, [0])
     return next(seeds)[2]
 
 
@@ -65,7 +69,7 @@ def forecast(form, path, tracks):
 def good(tmp_path):
     """Folder of a good map of each form, named after it."""
     for form, build in BUILD.items():
-        write_parquet(build(people(9)), tmp_path / f"{form}.parquet")
+        write_parquet(build(people(9), SITE), tmp_path / f"{form}.parquet")
     return tmp_path
 
 
@@ -99,18 +103,27 @@ def test_a_map_of_another_form(good, form, other):
     refused(form, good / f"{other}.parquet", f"not {NAMES[form]}", "no column")
 
 
-@pytest.mark.parametrize("form", ["snippets", "exits"])
-def test_a_map_that_has_lost_its_metadata(tmp_path, form):
-    """As another program may have written it: nothing tells how large its cells are."""
-    table = BUILD[form](people(9))
+@pytest.mark.parametrize(
+    ("form", "lost"), [("episodes", ["step"]), ("snippets", ["cell", "step"]), ("exits", ["cell", "step"])]
+)
+def test_a_map_that_has_lost_its_metadata(tmp_path, form, lost):
+    """As another program may have written it: nothing tells its time step, or how large its cells are."""
+    table = BUILD[form](people(9), SITE)
     write_parquet(table.replace_schema_metadata(None), tmp_path / "map.parquet")
-    refused(form, tmp_path / "map.parquet", f"not {NAMES[form]}", "cell", "step")
+    refused(form, tmp_path / "map.parquet", f"not {NAMES[form]}", *lost)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_map_of_another_time_step(tmp_path, form):
+    """Its steps would be taken for the forecast's."""
+    write_parquet(BUILD[form](people(9), replace(SITE, time_step_s=0.5)), tmp_path / "map.parquet")
+    refused(form, tmp_path / "map.parquet", NAMES[form], "steps of 0.5 s", "steps of 1 s")
 
 
 @pytest.mark.parametrize("form", OPTIONS)
 @pytest.mark.parametrize("chunks", ["one", "none"])
 def test_an_empty_map_leaves_constant_velocity(tmp_path, form, chunks):
-    table = BUILD[form](people(9)).slice(0, 0)
+    table = BUILD[form](people(9), SITE).slice(0, 0)
     if chunks == "none":
         columns = [pa.chunked_array([], field.type) for field in table.schema]
         table = pa.table(columns, schema=table.schema)
@@ -121,7 +134,7 @@ def test_an_empty_map_leaves_constant_velocity(tmp_path, form, chunks):
 
 
 def test_an_empty_map_of_ways_out_lets_everyone_stay(tmp_path):
-    write_parquet(exits.build(people(9)).slice(0, 0), tmp_path / "map.parquet")
+    write_parquet(exits.build(people(9), SITE).slice(0, 0), tmp_path / "map.parquet")
     mod = load("exits", tmp_path / "map.parquet")
     assert mod.leaving(*np.zeros((4, 5))).tolist() == [0.0] * 5
 
@@ -134,7 +147,7 @@ def test_an_empty_map_of_ways_out_lets_everyone_stay(tmp_path):
 )
 def test_a_training_recording_with_hardly_anybody_is_enough(tmp_path, form, training):
     """Also where all were there within one clock hour, or nobody for long enough."""
-    write_parquet(BUILD[form](training), tmp_path / "map.parquet")
+    write_parquet(BUILD[form](training, SITE), tmp_path / "map.parquet")
     got = forecast(form, tmp_path / "map.parquet", people(3))
     assert np.isfinite(got.xy).all()
     assert (got.steps_alive > 0).any() == (len(training.t) != 20)
@@ -146,7 +159,7 @@ def test_a_position_far_away_is_explained(tmp_path, form):
     """One person kilometres off must not fill the memory: a lattice is refused, an episode map has none."""
     far = people(9)
     far = far._replace(x=np.where(far.track_id == 8, far.x + 9e6, far.x), y=np.where(far.track_id == 8, 9e6, far.y))
-    write_parquet(BUILD[form](far), tmp_path / "map.parquet")
+    write_parquet(BUILD[form](far, SITE), tmp_path / "map.parquet")
     if form == "episodes":
         load(form, tmp_path / "map.parquet")
     else:

@@ -17,7 +17,7 @@ def walk(track_id, times, xy):
 
 
 def straight(track_id, start, velocity, rows, began=0.0, step_s=1.0):
-    """A person at constant velocity [m/s] from `start`, one row a time step."""
+    """A person at constant velocity [m/s] from `start`, one row per time step."""
     times = step_s * np.arange(rows)
     return walk(track_id, began + times, np.array(start) + times[:, None] * np.array(velocity))
 

@@ -160,7 +160,7 @@ class PlainSnippets:
                 return found
         return []
 
-    def draw(self, number, at, velocity, minute, kernel_m, exclude_s):
+    def draw(self, number, at, velocity, minute, bandwidth_m, exclude_s):
         """A snippet by rejection, or the most alike of 50 tries; None where there is none. `number()`: in (0, 1)."""
         bins = self.around(at[:2], velocity)
         if not bins:
@@ -180,13 +180,13 @@ class PlainSnippets:
             if exclude_s and earliest <= exclude_s and latest > -exclude_s:
                 continue
             distance = math.dist(at, row["point"])
-            if accept < math.exp(-(distance**2) / (2 * kernel_m**2)):
+            if accept < math.exp(-(distance**2) / (2 * bandwidth_m**2)):
                 return row
             if distance < nearest:
                 best, nearest = row, distance
         return best
 
-    def particle(self, seen, key, steps, leaves, kernel_m=1.5, pace=1.0, exits=True, exclude_s=0.0):
+    def particle(self, seen, key, steps, leaves, bandwidth_m=1.5, pace=1.0, exits=True, exclude_s=0.0):
         """[(x, y) or None] * T of one particle of a walker seen at rows (t, x, y).
 
         `leaves(row)`: whether a snippet ends because its person left.
@@ -201,7 +201,7 @@ class PlainSnippets:
         while len(path) < steps:
             at, speed = point(here, steps_before, self.weights, self.metric, self.hours(t0))
             velocity = mean_velocity(steps_before, self.weights)
-            row = self.draw(number, at, velocity, t0 / 60.0, kernel_m, exclude_s)
+            row = self.draw(number, at, velocity, t0 / 60.0, bandwidth_m, exclude_s)
             if row is None:
                 break
             rate = pace_factor(speed, row["speed"], pace)

@@ -159,7 +159,7 @@ def covariance(log_sigma, rho):
 
 
 def sampled(normals):
-    """Feedback of a sample made of two standard normal numbers a step [T, 2]; ends after T steps."""
+    """Feedback of a sample made of two standard normal numbers per step [T, 2]; ends after T steps."""
 
     def feedback(t, mean, log_sigma, rho):
         if t + 1 == len(normals):

@@ -5,13 +5,13 @@ import pytest
 import twins
 from crowds import START, crowd, people_of, reordered, straight, walk
 
-from modlhmp.forecasting import forecast_recording
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.neighbours import MOST
-from modlhmp.forecasting.observe import usable_tracks
+from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.networks.data import Day, day_of, draw_windows, observed_scene, scenes_at, training_data, training_windows
+from modlhmp.site import Site
 from modlhmp.storage import DataError
-from modlhmp.tracks import concatenate, empty_tracks
+from modlhmp.tracks import concatenate, empty_tracks, usable_tracks
 
 GAPS = (1, 1, 1, 1, 2)  # steps between rows, so that tracks are usable
 SHAPE = (12, 4, 1.0)  # steps, observed rows, time step [s]
@@ -127,8 +127,8 @@ def test_a_forecast_sees_what_training_showed():
             np.zeros((*keys.shape, steps, 2)), np.zeros((*keys.shape, steps)), np.zeros(keys.shape), "single"
         )
 
-    dataset = {"observed_rows": 4, "horizon_s": 12.0, "time_step_s": 1.0}
-    list(forecast_recording(own, forecaster, dataset, ("data", "method", "day"), 1, [0], [other]))
+    site = Site(observed_rows=4, horizon_s=12.0, time_step_s=1.0)
+    list(forecast_recording(own, forecaster, site, ("data", "method", "day"), 1, [0], [other]))
     past, present, origin = observed_scene(given[0], 1.0)
     day = day_of(own, [other], 4)
     scenes = scenes_at(day, *day.rows.T, *SHAPE)
@@ -299,7 +299,7 @@ def at_times(ids, times):
 
 
 def by_blocks(days, seed=0):
-    return training_data(days, "masked", 0.1, seed, *SHAPE, validation="blocks")
+    return training_data(days, "masked", 0.1, seed, *SHAPE, held_out="blocks")
 
 
 def trained_on(data):
@@ -351,7 +351,7 @@ def test_a_short_recording_has_shorter_blocks(span):
 
 
 def test_people_of_one_moment_cannot_be_held_out_by_time():
-    with pytest.raises(DataError, match=r"begin in one moment.*`validation: persons`"):
+    with pytest.raises(DataError, match=r"begin at the same moment.*`held_out: persons`"):
         by_blocks([day_of(at_times(range(30), np.zeros(30)), [], 4)])
     nobody = by_blocks([day_of(empty_tracks(), [paced(range(5))], 4)])
     assert nobody.tracks == len(nobody.validation.past) == 0

@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 from network_twins import walking, without_dropout
 
 from modlhmp.forecasting.observe import Observed
-from modlhmp.networks import KINDS, PUBLISHED, network_class, trajectronpp
+from modlhmp.kinds import BUILT_IN, find
+from modlhmp.methods import make_forecaster
+from modlhmp.networks import trajectronpp
 from modlhmp.networks.data import Day, Scenes, observed_scene, scenes_at
-from modlhmp.networks.forecaster import network_forecaster
 from modlhmp.networks.network import cosine, masked_mean, rotated, track_ade, trimmed
 from modlhmp.networks.training import save_network
+from modlhmp.site import Site
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks
 
@@ -28,14 +30,15 @@ SMALL = {
 ALONE = ("lstm", "neural_map")  # look at nobody else
 AUTOREGRESSIVE = ("lstm", "social_lstm", "trajectronpp")
 
-every_kind = pytest.mark.parametrize("kind", KINDS)
-every_published_kind = pytest.mark.parametrize("kind", PUBLISHED)
+NETWORKS = [kind for kind in BUILT_IN if kind.learned]
+every_kind = pytest.mark.parametrize("kind", [kind.name for kind in NETWORKS])
+every_published_kind = pytest.mark.parametrize("kind", [kind.name for kind in NETWORKS if kind.published])
 
 
 def network(kind, seed=0, steps=twins.STEPS, **options):
     """A small network of random weights in double precision; TUTR's modes are from made-up walkers."""
     torch.manual_seed(seed)
-    net = network_class(kind)(steps, twins.OBSERVED, 1.0, **SMALL[kind] | options).double()
+    net = find(kind).implementation().Network(steps, twins.OBSERVED, 1.0, **SMALL[kind] | options).double()
     net.prepare(walking(100, n=20, steps=steps))
     return net.eval()
 
@@ -88,7 +91,7 @@ def filled(scenes, value):
     ],
 )
 def test_number_of_parameters(kind, options, shape, expected):
-    assert network_class(kind)(*shape, 1.0, **options).parameter_count() == expected
+    assert find(kind).implementation().Network(*shape, 1.0, **options).parameter_count() == expected
 
 
 @every_kind
@@ -325,11 +328,11 @@ def test_translation_is_exact(kind):
 
 @every_published_kind
 def test_translation_of_a_forecaster(kind, tmp_path):
-    dataset = {"horizon_s": 12, "time_step_s": 1.0, "observed_rows": 4, "timezone": "UTC"}
-    options = SMALL[kind] | {"epochs": 1, "batch_size": 8}
+    site = Site(horizon_s=12.0, time_step_s=1.0, observed_rows=4, timezone="UTC")
+    options = find(kind).options(**SMALL[kind], epochs=1, batch_size=8)
     net = network(kind, 19).float()
-    save_network(tmp_path / "weights.pt", kind, options, dataset, net)
-    forecaster = network_forecaster(tmp_path / "weights.pt", kind, options, dataset, {"threads": 1, "device": "cpu"})
+    save_network(tmp_path / "weights.pt", find(kind), options, site, net)
+    forecaster = make_forecaster(kind, options, site, tmp_path / "weights.pt", device="cpu", threads=1)
     keys = stream_keys(np.arange(8), 2 if kind == "mid" else 1, 0, "hall")
     here = forecaster(observed(20), twins.STEPS, keys)
     there = forecaster(observed(20, (50.0, -31.7)), twins.STEPS, keys)

@@ -9,8 +9,10 @@ import twins
 from scipy import stats
 
 from modlhmp.maps import cliff
+from modlhmp.options import CliffBuilding, RollOut
+from modlhmp.site import Site
 from modlhmp.storage import DataError, write_parquet
-from modlhmp.study import demo
+from modlhmp.study.demo.sites import planted_flows
 from modlhmp.tracks import Tracks, clock_hours, concatenate
 
 
@@ -40,7 +42,7 @@ def table_of(locations, mixtures, p, resolution=1.0, count=50):
 
 
 def lattice_map(seed, resolution=1.0, origin=(0.0, 0.0), size=8, holes=0.3, levels=4):
-    """A map with holes and many equal p, two components a location."""
+    """A map with holes and many equal p, two components per location."""
     rng = np.random.default_rng(seed)
     nodes = [(i, j) for i in range(size) for j in range(size) if rng.random() > holes]
     locations = [(origin[0] + i * resolution, origin[1] + j * resolution) for i, j in nodes]
@@ -153,7 +155,7 @@ def test_location_needs_five_observations(observations, locations):
     corner = tracks_at(np.full(observations, 0.9), 0.0, rng.normal(1.2, 0.1, observations), 0.3)
     # (0.9, 0) is in reach of the nodes (0, 0) and (1, 0); one more walker stands still there and does not count.
     still = tracks_at(np.full(1, 0.9), 0.0, 0.0, 0.3)
-    table = cliff.build(concatenate([corner, still]), min_observations=5)
+    table = cliff.build(concatenate([corner, still]), building=CliffBuilding(min_observations=5))
     nodes = set(zip(table["x"].to_pylist(), table["y"].to_pylist(), strict=True))
     assert nodes == ({(0.0, 0.0), (1.0, 0.0)} if locations else set())
     assert set(table["count"].to_pylist()) == ({observations} if locations else set())
@@ -330,13 +332,14 @@ def test_weights_of_a_foreign_map_are_normalised_and_covariances_repaired():
 
 @pytest.mark.parametrize(("resolution", "radius"), [(1.0, 1.0), (0.5, 0.8)])
 def test_saved_map_samples_alike(tmp_path, resolution, radius):
-    table = cliff.build(crowd(17), resolution_m=resolution)
+    table = cliff.build(crowd(17), building=CliffBuilding(resolution_m=resolution))
     write_parquet(table, tmp_path / "map.parquet", dataset="test", seed=1)
     rng = np.random.default_rng(18)
     x, y = rng.uniform(-4, 4, (2, 500))
     ones, uniforms = np.ones(500), rng.uniform(size=(500, 3))
     before = cliff.CliffMap(table, radius).sample(x, y, ones, ones, ones, uniforms)
-    after = cliff.CliffMap.load(tmp_path / "map.parquet", radius).sample(x, y, ones, ones, ones, uniforms)
+    loaded = cliff.load(tmp_path / "map.parquet", Site(), RollOut(sampling_radius_m=radius))
+    after = loaded.sample(x, y, ones, ones, ones, uniforms)
     assert 0 < before[3].sum() < 500
     for one, other in zip(before, after, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -345,7 +348,13 @@ def test_saved_map_samples_alike(tmp_path, resolution, radius):
 def test_loading_another_table_is_refused(tmp_path):
     write_parquet(pa.table({"x": [1.0], "y": [2.0]}), tmp_path / "other.parquet")
     with pytest.raises(DataError, match="mean_heading"):
-        cliff.CliffMap.load(tmp_path / "other.parquet")
+        cliff.load(tmp_path / "other.parquet", Site(), RollOut())
+
+
+def test_a_map_that_does_not_say_how_far_apart_its_locations_are_is_refused(tmp_path):
+    write_parquet(lattice_map(19).replace_schema_metadata(None), tmp_path / "map.parquet")
+    with pytest.raises(DataError, match=r"not a CLiFF-map, no metadata resolution"):
+        cliff.load(tmp_path / "map.parquet", Site(), RollOut())
 
 
 # --- planted flows ------------------------------------------------------------------------------------------
@@ -372,7 +381,7 @@ def share_towards(mixture, heading):
 @pytest.mark.parametrize("hour", [9, 10, 17, 18, 19, 20])
 def test_hourly_demo_maps_lean_as_planted(hall, hour):
     tracks, hours = hall
-    main_flows = [flow for flow in demo.planted_flows("hall", hour) if flow.share >= 0.65]
+    main_flows = [flow for flow in planted_flows("hall", hour) if flow.share >= 0.65]
     assert len(main_flows) >= 2
     for flow in main_flows:
         mixture = mixture_at(tracks.take(hours == hour), flow.x, flow.y)
@@ -383,7 +392,7 @@ def test_hourly_demo_maps_show_the_planted_headings_shares_and_speeds(hall):
     tracks, hours = hall
     checked = 0
     for hour in range(9, 21):
-        for flow in (flow for flow in demo.planted_flows("hall", hour) if flow.share >= 0.65):
+        for flow in (flow for flow in planted_flows("hall", hour) if flow.share >= 0.65):
             around = (hours == hour) & (np.hypot(tracks.x - flow.x, tracks.y - flow.y) <= 1.0)
             against = (np.cos(tracks.heading[around] - flow.heading) < 0).sum()
             if around.sum() < 20 or against < cliff.MIN_CLUSTER:
@@ -400,7 +409,7 @@ def test_hourly_demo_maps_show_the_planted_headings_shares_and_speeds(hall):
 
 def test_whole_day_demo_map_shows_both_directions_of_every_corridor(hall):
     tracks, _ = hall
-    flows = demo.planted_flows("hall", 13)
+    flows = planted_flows("hall", 13)
     assert len({flow.place for flow in flows}) == 6
     for flow in flows:
         mixture = mixture_at(tracks, flow.x, flow.y)

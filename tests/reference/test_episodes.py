@@ -7,12 +7,14 @@ import memory_twins
 import numpy as np
 import pytest
 
-from modlhmp.forecasting import make_forecaster
 from modlhmp.forecasting.observe import observe, usable_tracks
 from modlhmp.forecasting.replay import replay
 from modlhmp.maps import episodes
 from modlhmp.maps.episodes import EpisodeMap
 from modlhmp.maps.pieces import Metric, features
+from modlhmp.methods import make_forecaster
+from modlhmp.options import Episodes
+from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import clock_time, concatenate, empty_tracks
@@ -24,7 +26,7 @@ STEPS = 12
 
 
 def map_of(tracks, step_s=1.0, metric=METRIC, weights=WEIGHTS):
-    return EpisodeMap(episodes.build(tracks, step_s), metric, weights, PAST, step_s, "UTC")
+    return EpisodeMap(episodes.build(tracks, Site(time_step_s=step_s)), metric, weights, PAST, step_s, "UTC")
 
 
 def walker(start, velocity, track_id=900, began=0.0, step_s=1.0):
@@ -70,7 +72,7 @@ def default_map():
 
 
 def test_the_map_holds_everybodys_rows():
-    table = episodes.build(training(), 0.5)
+    table = episodes.build(training(), Site(time_step_s=0.5))
     expected = memory_twins.resample(crowds.people_of(training()), 0.5)
     got = memory_twins.rows_of(table)
     assert [len(walk) for walk in got] == [len(walk) for walk in expected]
@@ -90,7 +92,7 @@ def test_only_rows_with_a_past_and_a_future_can_be_found():
 @pytest.mark.parametrize("hour_m", [0.0, 5.0])
 def test_the_nearest_are_those_of_brute_force(hour_m):
     metric = METRIC._replace(hour_m=hour_m)
-    mod, table = map_of(training(), metric=metric), episodes.build(training())
+    mod, table = map_of(training(), metric=metric), episodes.build(training(), Site())
     people = memory_twins.rows_of(table)
     rng = np.random.default_rng(1)
     asked = rng.uniform(0, 7, (40, 2)), rng.normal(0, 0.5, (40, 3, 2))
@@ -139,7 +141,7 @@ def test_replay_equals_the_plain_one(options):
     metric, weights, step_s, k = (options.pop(name) for name in ("metric", "weights", "step_s", "k"))
     asking = walkers(step_s)
     mod = map_of(training(step_s), step_s, metric, weights)
-    people = memory_twins.rows_of(episodes.build(training(step_s), step_s))
+    people = memory_twins.rows_of(episodes.build(training(step_s), Site(time_step_s=step_s)))
     got = replay(mod, asking, STEPS, step_s, k, **options)
     assert got.output == "median"
     assert got.xy.shape == (len(asking.t), 1 + 4 * k, STEPS, 2)
@@ -363,9 +365,9 @@ def test_moving_and_turning_map_and_walkers_moves_the_forecast(shift, angle):
 
 
 def test_the_forecaster_of_a_file_takes_the_methods_options(tmp_path):
-    write_parquet(episodes.build(training()), tmp_path / "episodes.parquet")
-    dataset = {"difference_weights": WEIGHTS, "observed_rows": 4, "time_step_s": 1.0, "timezone": "UTC"}
-    options = {"k": 4, "pace": 0.5, "reach_m": 6.0, "exclude_s": 5.0, **METRIC._asdict()}
-    forecaster = make_forecaster("episodes", options, dataset, tmp_path / "episodes.parquet")
+    write_parquet(episodes.build(training(), Site()), tmp_path / "episodes.parquet")
+    site = Site(difference_weights=tuple(WEIGHTS), observed_rows=4, time_step_s=1.0, timezone="UTC")
+    options = Episodes(k=4, pace=0.5, reach_m=6.0, exclude_s=5.0, **METRIC._asdict())
+    forecaster = make_forecaster("episodes", options, site, tmp_path / "episodes.parquet")
     got = forecaster(walkers(), STEPS, stream_keys(walkers().track_id, 4, 0))
     assert_same(got, replay(map_of(training()), walkers(), STEPS, 1.0, 4, 0.5, 6.0, 5.0))

@@ -1,25 +1,29 @@
 """Ways out, and the other options of the roll-out: chances by hand, planted doors, velocities, medians."""
 
 import math
+from dataclasses import replace
 
 import crowds
 import memory_twins
 import numpy as np
 import pytest
 
-from modlhmp.forecasting import make_forecaster, roll_out_forecaster, velocity_at_t0
+from modlhmp.forecasting import rollout
 from modlhmp.forecasting.median import with_median
-from modlhmp.forecasting.observe import Observed, current_velocity, observe, usable_tracks
+from modlhmp.forecasting.observe import Observed, current_velocity, observe, usable_tracks, velocity_at_t0
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.maps import exits
-from modlhmp.maps.exits import PRIOR_ROWS, WithExits
+from modlhmp.maps.exits import PRIOR_ROWS, WithExits, with_exits
+from modlhmp.methods import make_forecaster
+from modlhmp.options import ConstantVelocity, ExitBuilding, RollOut
+from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys, uniforms
 from modlhmp.tracks import concatenate, empty_tracks
 
 STEPS = 12
-DATASET = {"velocity": "differences", "difference_weights": [0.6, 0.3, 0.1], "time_step_s": 1.0, "timezone": "UTC"}
-OPTIONS = {"beta": 1.0, "speed": "constant", "velocity": "columns", "output": "ranked"}
+SITE = Site(velocity="differences", difference_weights=(0.6, 0.3, 0.1), time_step_s=1.0, timezone="UTC")
+OPTIONS = RollOut(beta=1.0, speed="constant", velocity="dataset", output="ranked")
 
 
 class Straight:
@@ -73,7 +77,7 @@ def test_building_equals_the_loop(step_s, cell_m):
             )
             left, rows = expected.get(name, (0, 0))
             expected[name] = left + (n == len(walk) - 1), rows + 1
-    table = exits.build(tracks, step_s, cell_m)
+    table = exits.build(tracks, Site(time_step_s=step_s), ExitBuilding(cell_m=cell_m))
     got = {(row["i"], row["j"], row["bin"]): (row["left"], row["rows"]) for row in table.to_pylist()}
     assert got == expected
     assert any(left for left, _ in got.values())
@@ -85,7 +89,8 @@ def test_building_equals_the_loop(step_s, cell_m):
 def door():
     """Ways out of eight who walk east along the x axis; six leave in cell 2, two walk on to x = 20."""
     rows = [3] * 6 + [21] * 2
-    return exits.build(concatenate(crowds.straight(n, (0.5, 0.5), (1, 0), count) for n, count in enumerate(rows)))
+    people = concatenate(crowds.straight(n, (0.5, 0.5), (1, 0), count) for n, count in enumerate(rows))
+    return exits.build(people, SITE)
 
 
 def test_the_chance_by_hand():
@@ -115,11 +120,11 @@ def test_where_nobody_was_seen_the_chance_is_the_overall_one(x, y, speed, headin
 
 
 def test_without_tracks_nobody_leaves():
-    assert asked(WithExits(Straight(), exits.build(empty_tracks())), 1.0, 2.0) == 0.0
+    assert asked(WithExits(Straight(), exits.build(empty_tracks(), SITE)), 1.0, 2.0) == 0.0
 
 
 def test_the_chance_of_one_particle_does_not_depend_on_the_others():
-    table, rng = exits.build(crowds.crowd(5, people=300, size=5.0)), np.random.default_rng(1)
+    table, rng = exits.build(crowds.crowd(5, people=300, size=5.0), SITE), np.random.default_rng(1)
     mod = WithExits(Straight(), table)
     many = rng.uniform(-2, 11, 300), rng.uniform(-2, 11, 300), rng.uniform(0, 2, 300), rng.uniform(-3, 3, 300)
     whole = mod.leaving(*many)
@@ -137,7 +142,7 @@ def test_the_map_itself_gets_the_first_numbers_of_the_step():
     mod = WithExits(plain, door())
     assert mod.draws == 4
     observed, keys = walkers()
-    roll_out(mod, observed, current_velocity(observed, "columns"), 1, keys)
+    roll_out(mod, observed, current_velocity(observed, "as_recorded"), 1, keys)
     np.testing.assert_array_equal(plain.given[0], uniforms(keys.ravel(), 0, 4)[:, :3])
 
 
@@ -166,7 +171,8 @@ def test_particles_leave_at_the_rate_at_which_people_did():
     """In a corridor where one of 10 leaves after each second: of 2000 after h steps 0.9^h are left."""
     waits = np.ceil(np.log1p(-(np.arange(100) + 0.5) / 100) / np.log1p(-0.1)).astype(int)
     people = ((start, wait) for start in range(-25, 15) for wait in waits)
-    table = exits.build(concatenate(crowds.straight(n, (x, 0.5), (1, 0), 1 + w) for n, (x, w) in enumerate(people)))
+    walks = concatenate(crowds.straight(n, (x, 0.5), (1, 0), 1 + w) for n, (x, w) in enumerate(people))
+    table = exits.build(walks, SITE)
     one = observe(tracks := crowds.straight(9, (-3, 0.5), (1, 0), 5), usable_tracks(tracks, 4), 4)
     keys = stream_keys(one.track_id, 2000, 0, "a", "b", "c")
     got = roll_out(WithExits(Straight(), table), one, (np.ones(1), np.zeros(1)), STEPS, keys)
@@ -175,7 +181,7 @@ def test_particles_leave_at_the_rate_at_which_people_did():
 
 
 def test_everyone_leaves_by_a_door_that_everyone_took():
-    table = exits.build(concatenate(crowds.straight(n, (0.5, 0.5), (1, 0), 8) for n in range(3000)))
+    table = exits.build(concatenate(crowds.straight(n, (0.5, 0.5), (1, 0), 8) for n in range(3000)), SITE)
     one = observe(tracks := crowds.straight(9, (-2.5, 0.5), (1, 0), 5), usable_tracks(tracks, 4), 4)
     keys = stream_keys(one.track_id, 500, 0, "a", "b", "c")
     got = roll_out(WithExits(Straight(), table), one, (np.ones(1), np.zeros(1)), STEPS, keys)
@@ -185,7 +191,7 @@ def test_everyone_leaves_by_a_door_that_everyone_took():
 
 def test_exits_of_a_file(tmp_path):
     write_parquet(door(), tmp_path / "exits.parquet")
-    mod = WithExits.load(Straight(), tmp_path / "exits.parquet")
+    mod = with_exits(Straight(), tmp_path / "exits.parquet", SITE)
     np.testing.assert_array_equal(mod.probability, WithExits(Straight(), door()).probability)
 
 
@@ -200,51 +206,51 @@ def by_hand():
 
 
 def test_velocity_differences_is_a_vector_mean():
-    speed, heading = velocity_at_t0(by_hand(), {"velocity": "differences"}, DATASET)
+    speed, heading = velocity_at_t0(by_hand(), "differences", SITE)
     vector = 0.6 * 2 + 0.1 * 1, 0.3 * 1 + 0.1 * 1
     assert (speed[0], heading[0]) == pytest.approx((math.hypot(*vector), math.atan2(*vector[::-1])))
 
 
-@pytest.mark.parametrize("source", ["columns", "differences"])
-def test_velocity_columns_is_what_the_dataset_has(source):
+@pytest.mark.parametrize("source", ["as_recorded", "differences"])
+def test_velocity_dataset_is_what_the_dataset_has(source):
     """As in the paper: means of speeds and of headings, of the file's columns where the dataset says so."""
-    got = velocity_at_t0(by_hand(), {"velocity": "columns"}, {**DATASET, "velocity": source})
+    got = velocity_at_t0(by_hand(), "dataset", replace(SITE, velocity=source))
     assert got == current_velocity(by_hand(), source)
-    assert (got[0][0] == pytest.approx(1.0)) == (source == "columns")
+    assert (got[0][0] == pytest.approx(1.0)) == (source == "as_recorded")
 
 
 def test_one_weight_is_the_last_step():
-    speed, heading = velocity_at_t0(by_hand(), {"velocity": "differences"}, {**DATASET, "difference_weights": [7.0]})
+    speed, heading = velocity_at_t0(by_hand(), "differences", replace(SITE, difference_weights=(7.0,)))
     assert (speed[0], heading[0]) == pytest.approx((2.0, 0.0))
 
 
 def test_cvm_walks_at_the_velocity_asked_for():
-    forecaster = make_forecaster("cvm", {"velocity": "differences"}, DATASET)
+    forecaster = make_forecaster("cvm", ConstantVelocity(velocity="differences"), SITE)
     got = forecaster(by_hand(), 3, np.zeros((1, 1), np.uint64))
     expected = np.array([3.0, 2.0]) + np.arange(1, 4)[:, None] * np.array([1.3, 0.4])
     np.testing.assert_allclose(got.xy[0, 0], expected, atol=1e-5)
 
 
-@pytest.mark.parametrize("velocity", ["columns", "differences"])
+@pytest.mark.parametrize("velocity", ["dataset", "differences"])
 def test_the_forecaster_of_a_map_hands_on_its_options(velocity):
     observed, keys = walkers()
-    options = {**OPTIONS, "beta": 0.4, "speed": "kernel", "velocity": velocity}
-    dataset = {**DATASET, "velocity": "columns", "time_step_s": 0.5}
-    got = roll_out_forecaster(Swirl(), options, dataset)(observed, STEPS, keys)
-    start = velocity_at_t0(observed, options, dataset)
+    options = replace(OPTIONS, beta=0.4, speed="kernel", velocity=velocity)
+    site = replace(SITE, velocity="as_recorded", time_step_s=0.5)
+    got = rollout.forecaster(Swirl(), site, options)(observed, STEPS, keys)
+    start = velocity_at_t0(observed, velocity, site)
     expected = roll_out(Swirl(), observed, start, STEPS, keys, 0.5, 0.4, "kernel")
     np.testing.assert_array_equal(got.xy, expected.xy)
     assert got.output == "ranked"
-    other = roll_out_forecaster(Swirl(), {**options, "beta": 3.0}, dataset)(observed, STEPS, keys)
+    other = rollout.forecaster(Swirl(), site, replace(options, beta=3.0))(observed, STEPS, keys)
     assert (other.xy != got.xy).any()
 
 
 def test_output_geometric_median_is_that_of_the_same_futures():
     """Ways out included: whoever has left does not count."""
     observed, keys = walkers()
-    mod = WithExits(Swirl(), exits.build(crowds.crowd(5)))
-    ranked = roll_out_forecaster(mod, OPTIONS, DATASET)(observed, STEPS, keys)
-    got = roll_out_forecaster(mod, {**OPTIONS, "output": "geometric_median"}, DATASET)(observed, STEPS, keys)
+    mod = WithExits(Swirl(), exits.build(crowds.crowd(5), SITE))
+    ranked = rollout.forecaster(mod, SITE, OPTIONS)(observed, STEPS, keys)
+    got = rollout.forecaster(mod, SITE, replace(OPTIONS, output="geometric_median"))(observed, STEPS, keys)
     assert (ranked.output, got.output) == ("ranked", "median")
     for one, other in zip(got, with_median(ranked), strict=True):
         np.testing.assert_array_equal(one, other)

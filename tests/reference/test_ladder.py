@@ -96,7 +96,7 @@ def test_the_interval_over_days_of_any_size_is_the_loop_s(sizes):
 
 
 def test_days_that_differ_widen_the_interval():
-    """50 people a day share the day's effect, so 20 days are worth little more than 20 people."""
+    """50 people per day share the day's effect, so 20 days are worth little more than 20 people."""
     rng = np.random.default_rng(4)
     values, day = rng.normal(0, 0.3, 1000) + np.repeat(rng.normal(5, 1, 20), 50), np.repeat(np.arange(20), 50)
     (_, *by_day), (_, *by_person) = bootstrap(values, day), bootstrap(values, persons(1000))

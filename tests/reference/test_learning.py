@@ -10,10 +10,13 @@ from crowds import straight, walk
 
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.observe import current_velocity, observe
+from modlhmp.kinds import find
 from modlhmp.networks import lstm, social_lstm
 from modlhmp.networks.data import Scenes, day_of, scenes_at
 from modlhmp.networks.network import cosine
 from modlhmp.networks.training import train
+from modlhmp.options import Learning, Lstm
+from modlhmp.site import Site
 from modlhmp.tracks import concatenate
 
 pytestmark = pytest.mark.full
@@ -28,11 +31,12 @@ def learn(tmp_path):
     """Function (kind, tracks, steps, epochs, **options) -> a network trained on the tracks of one day."""
 
     def start(kind, tracks, steps, epochs, **options):
-        dataset = {"observed_rows": 4, "horizon_s": float(steps), "time_step_s": 1.0}
-        learned = {"threads": 1, "device": "cpu", "futures": "masked", "seed": 0}
-        options = {**OPTIONS, "epochs": epochs, **options}
+        site = Site(observed_rows=4, horizon_s=float(steps), time_step_s=1.0)
+        learning = Learning(device="cpu", futures="masked", seed=0)
+        options = Lstm(**{**OPTIONS, "epochs": epochs, **options})
         checkpoint = tmp_path / f"{kind}.checkpoint"
-        return train(kind, options, [day_of(tracks, [], 4)], dataset, learned, checkpoint, logging.getLogger())[0]
+        day = day_of(tracks, [], 4)
+        return train(find(kind), options, [day], site, learning, checkpoint, logging.getLogger(), threads=1)[0]
 
     return start
 

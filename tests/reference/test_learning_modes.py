@@ -6,7 +6,7 @@ import pytest
 import torch
 from network_twins import OBSERVED, STEPS, without_dropout
 
-from modlhmp.networks import network_class
+from modlhmp.kinds import find
 from modlhmp.networks.data import Scenes
 from modlhmp.networks.network import rotated
 
@@ -77,7 +77,7 @@ def learn(settings, scenes, turn=False):
     """A network of these settings, trained on the scenes."""
     kind, sizes, iterations, lr = settings
     torch.manual_seed(0)
-    net = network_class(kind)(STEPS, OBSERVED, 1.0, **sizes)
+    net = find(kind).implementation().Network(STEPS, OBSERVED, 1.0, **sizes)
     fit(net, scenes, iterations, lr, 64, turn)
     return net
 
@@ -113,7 +113,7 @@ def straight_and_curved():
 def by_heart(kind, scenes, iterations, lr, **sizes):
     """A network trained on all these scenes at once with nothing dropped, and its losses."""
     torch.manual_seed(0)
-    net = without_dropout(network_class(kind)(STEPS, OBSERVED, 1.0, **sizes))
+    net = without_dropout(find(kind).implementation().Network(STEPS, OBSERVED, 1.0, **sizes))
     return net, fit(net, scenes, iterations, lr)
 
 

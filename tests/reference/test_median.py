@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from modlhmp.forecasting import average_forecasts, read_forecasts, write_forecasts
+from modlhmp.forecasting.average import average_forecasts
 from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.files import read_forecasts, write_forecasts
 from modlhmp.forecasting.median import geometric_median, with_median
 from modlhmp.scoring.protocols import PROTOCOLS, score
 

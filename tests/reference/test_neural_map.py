@@ -2,6 +2,7 @@
 
 import logging
 import math
+from dataclasses import replace
 
 import network_twins as twins
 import numpy as np
@@ -11,11 +12,14 @@ from crowds import walk
 from network_twins import walking
 from scipy.interpolate import RegularGridInterpolator
 
-from modlhmp.forecasting.observe import Observed, kernel_weights
+from modlhmp.forecasting.observe import Observed, observation_weights
+from modlhmp.kinds import find
+from modlhmp.methods import make_forecaster
 from modlhmp.networks.data import day_of, observed_scene, scenes_at, whereabouts
-from modlhmp.networks.forecaster import network_forecaster
 from modlhmp.networks.neural_map import Grid, Network, at_pace
 from modlhmp.networks.training import load_network, save_network, train
+from modlhmp.options import Learning, NeuralMap
+from modlhmp.site import Site
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import concatenate
 
@@ -116,7 +120,7 @@ def test_a_forecast_is_a_change_of_constant_velocity():
     for part in (net.layers[-1].weight, net.layers[-1].bias):
         part.data.zero_()
     past = scenes.past[:, 0].numpy()
-    steady = (np.diff(past, axis=1) * kernel_weights(3)[::-1, None]).sum(1)
+    steady = (np.diff(past, axis=1) * observation_weights(3)[::-1, None]).sum(1)
     np.testing.assert_allclose(forecast(net, scenes), steady[:, None] * np.arange(1, 13)[:, None], atol=1e-5)
 
 
@@ -227,18 +231,19 @@ def test_the_real_pace_changes_nothing():
 
 # --- weights on disk ----------------------------------------------------------------------------------------
 
-DATASET = {"horizon_s": 12.0, "time_step_s": 1.0, "observed_rows": 4, "timezone": "UTC"}
+KIND = find("neural_map")
+SITE = Site(horizon_s=12.0, time_step_s=1.0, observed_rows=4, timezone="UTC")
 
 
-@pytest.mark.parametrize("options", [{}, {"grids": []}, {"grids": [3.0], "headings": 4, "time_of_day": True}])
+@pytest.mark.parametrize("options", [{}, {"grids": ()}, {"grids": (3.0,), "headings": 4, "time_of_day": True}])
 def test_loaded_maps_give_the_same_forecasts(options, tmp_path):
     scenes = walking(11)
     net = some_network(11, **options).float()
-    save_network(tmp_path / "map.pt", "neural_map", options, DATASET, net)
-    loaded = load_network(tmp_path / "map.pt", "neural_map", options, DATASET)
+    save_network(tmp_path / "map.pt", KIND, NeuralMap(**options), SITE, net)
+    loaded = load_network(tmp_path / "map.pt", KIND, NeuralMap(**options), SITE)
     scenes = scenes._replace(past=scenes.past.float(), where=scenes.where.float())
     assert torch.equal(forecast(loaded, scenes), forecast(net, scenes))
-    method = network_forecaster(tmp_path / "map.pt", "neural_map", options, DATASET, {"threads": 1, "device": "cpu"})
+    method = make_forecaster("neural_map", NeuralMap(**options), SITE, tmp_path / "map.pt", device="cpu", threads=1)
     xy = 3.0 + scenes.past[:, 0].double().numpy()
     t, unknown = 1.9e9 + np.tile(np.arange(4.0), (6, 1)), np.full((6, 4), np.nan)
     seen = Observed(np.arange(6), t, xy[..., 0], xy[..., 1], unknown, unknown, np.empty((6, 0, 4, 2)))
@@ -253,8 +258,11 @@ def test_loaded_maps_give_the_same_forecasts(options, tmp_path):
 
 # --- learning -----------------------------------------------------------------------------------------------
 
-OPTIONS = {"batch_size": 64, "learning_rate": 0.005, "schedule": "cosine", "patience": 1000, "rotate": False}
-LEARNED = {"threads": 1, "device": "cpu", "futures": "masked", "seed": 0}
+OPTIONS = NeuralMap(
+    epochs=40, batch_size=64, learning_rate=0.005, schedule="cosine", patience=1000, rotate=False, held_out="blocks",
+    another_every=None,
+)  # fmt: skip
+LEARNING = Learning(device="cpu", futures="masked", seed=0)
 
 
 def walkers_of_two_corridors(seed, people=240, span=7200.0):
@@ -270,10 +278,8 @@ def walkers_of_two_corridors(seed, people=240, span=7200.0):
 
 def error_of(options, tmp_path, tracks, other):
     """ADE [m] on `other` people of a network trained on `tracks`."""
-    dataset = {"observed_rows": 4, "horizon_s": 12.0, "time_step_s": 1.0}
-    options = {**OPTIONS, "epochs": 40, "validation": "blocks", **options}
     day = day_of(tracks, [], 4)
-    net = train("neural_map", options, [day], dataset, LEARNED, tmp_path / "c", logging.getLogger())[0].eval()
+    net = train(KIND, options, [day], SITE, LEARNING, tmp_path / "c", logging.getLogger(), threads=1)[0].eval()
     day = day_of(other, [], 4)
     scenes = scenes_at(day, *day.rows.T, 12, 4, 1.0, neighbours=False)
     with torch.no_grad():
@@ -283,5 +289,5 @@ def error_of(options, tmp_path, tracks, other):
 
 def test_a_map_learns_where_people_turn_and_a_network_without_one_cannot(tmp_path):
     tracks, others = walkers_of_two_corridors(1), walkers_of_two_corridors(2, 60)
-    assert error_of({}, tmp_path, tracks, others) < 0.7
-    assert error_of({"grids": []}, tmp_path, tracks, others) > 1.5
+    assert error_of(OPTIONS, tmp_path, tracks, others) < 0.7
+    assert error_of(replace(OPTIONS, grids=()), tmp_path, tracks, others) > 1.5

@@ -8,20 +8,22 @@ import pytest
 import twins
 from scipy import stats
 
-from modlhmp.forecasting import forecast_recording
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import with_median
-from modlhmp.forecasting.observe import Observed, current_velocity, kernel_weights, observe, usable_tracks
+from modlhmp.forecasting.observe import Observed, current_velocity, observation_weights, observe, usable_tracks
+from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.maps.base import HourlyMod
 from modlhmp.maps.cliff import COLUMNS as CLIFF_COLUMNS
 from modlhmp.maps.cliff import CliffMap
 from modlhmp.maps.stef import StefMap
+from modlhmp.site import Site
 from modlhmp.streams import stream_keys, uniforms
 from modlhmp.tracks import Tracks
 
 NAMES = ("hall", "cliff", "day1")
+SITE = Site(observed_rows=4, horizon_s=10.0, time_step_s=1.0)
 STEPS = 25
 
 
@@ -353,17 +355,16 @@ def recording_of(observed, extra=6):
 
 def test_forecast_of_a_recording_does_not_depend_on_shards_or_on_other_seeds(mod):
     observed, _ = walkers(22, n=6)
-    dataset = {"observed_rows": 4, "horizon_s": 10, "time_step_s": 1.0}
     persons = recording_of(observed)
 
     def forecaster(observed, steps, keys):
-        return roll_out(mod, observed, current_velocity(observed, "columns"), steps, keys)
+        return roll_out(mod, observed, current_velocity(observed, "as_recorded"), steps, keys)
 
     def forecast(persons, seeds):
         table = Tracks(*map(np.concatenate, zip(*persons, strict=True)))
         return {
             (seed, person): [part[n] for part in result[:3]]
-            for seed, ids, result in forecast_recording(table, forecaster, dataset, NAMES, 3, seeds)
+            for seed, ids, result in forecast_recording(table, forecaster, SITE, NAMES, 3, seeds)
             for n, person in enumerate(ids)
         }
 
@@ -383,19 +384,18 @@ def test_forecast_of_a_recording_does_not_depend_on_shards_or_on_other_seeds(mod
 
 def test_forecast_of_a_recording_does_not_depend_on_how_many_tracks_are_forecast_together(mod, monkeypatch):
     observed, _ = walkers(24, n=7)
-    dataset = {"observed_rows": 4, "horizon_s": 10, "time_step_s": 1.0}
     table = Tracks(*map(np.concatenate, zip(*recording_of(observed), strict=True)))
     asked = []
 
     def forecaster(observed, steps, keys):
         asked.append(len(keys))
-        return with_median(roll_out(mod, observed, current_velocity(observed, "columns"), steps, keys))
+        return with_median(roll_out(mod, observed, current_velocity(observed, "as_recorded"), steps, keys))
 
-    ((_, ids, whole),) = forecast_recording(table, forecaster, dataset, NAMES, 4, [0])
-    monkeypatch.setattr("modlhmp.forecasting.TRACKS_AT_ONCE", 3)
+    ((_, ids, whole),) = forecast_recording(table, forecaster, SITE, NAMES, 4, [0])
+    monkeypatch.setattr("modlhmp.forecasting.recording.TRACKS_AT_ONCE", 3)
     for keep, expected in ((None, whole), (2, whole.first(2))):
         asked.clear()
-        blocks = list(forecast_recording(table, forecaster, dataset, NAMES, 4, [0, 1], keep=keep))
+        blocks = list(forecast_recording(table, forecaster, SITE, NAMES, 4, [0, 1], keep=keep))
         assert asked == 2 * [3, 3, 1]
         assert [seed for seed, _, _ in blocks] == [0] * 3 + [1] * 3
         assert np.concatenate([some for _, some, _ in blocks[:3]]).tolist() == ids.tolist()
@@ -405,13 +405,12 @@ def test_forecast_of_a_recording_does_not_depend_on_how_many_tracks_are_forecast
 
 def test_only_futures_behind_a_median_are_left_out(mod):
     observed, velocity = walkers(25, n=3)
-    dataset = {"observed_rows": 4, "horizon_s": 10, "time_step_s": 1.0}
     table = Tracks(*map(np.concatenate, zip(*recording_of(observed), strict=True)))
 
     def forecaster(observed, steps, keys):
         return roll_out(mod, observed, velocity, steps, keys)
 
-    ((_, _, forecast),) = forecast_recording(table, forecaster, dataset, NAMES, 4, [0], keep=2)
+    ((_, _, forecast),) = forecast_recording(table, forecaster, SITE, NAMES, 4, [0], keep=2)
     assert forecast.xy.shape[1] == 4
 
 
@@ -519,17 +518,17 @@ def test_names_are_not_just_strung_together():
 # --- current velocity ---------------------------------------------------------------------------------------
 
 
-def test_kernel_weights_of_three_observed_steps():
+def test_observation_weights_of_three_observed_steps():
     # g(t) = exp(-t^2 / (2 * 1.5^2)), normalised
-    np.testing.assert_allclose(kernel_weights(3), [0.594, 0.305, 0.101], atol=6e-4)
+    np.testing.assert_allclose(observation_weights(3), [0.594, 0.305, 0.101], atol=6e-4)
     g = [math.exp(-0.5 * (t / 1.5) ** 2) for t in range(1, 6)]
-    np.testing.assert_allclose(kernel_weights(5), np.array(g) / sum(g), rtol=1e-12)
+    np.testing.assert_allclose(observation_weights(5), np.array(g) / sum(g), rtol=1e-12)
 
 
-def test_columns_by_hand():
+def test_recorded_velocities_by_hand():
     speed, heading = [[1.0, 2.0, 3.0, 99.0]], [[0.1, 0.2, 0.3, 3.0]]  # the row of t0 itself does not count
     observed = Observed(np.array([1]), *np.zeros((3, 1, 4)), np.array(speed), np.array(heading), nobody(1))
-    got_speed, got_heading = current_velocity(observed, "columns")
+    got_speed, got_heading = current_velocity(observed, "as_recorded")
     w = [0.594, 0.305, 0.101]
     assert got_speed[0] == pytest.approx(3.0 * w[0] + 2.0 * w[1] + 1.0 * w[2], abs=2e-3)
     assert got_heading[0] == pytest.approx(0.3 * w[0] + 0.2 * w[1] + 0.1 * w[2], abs=2e-3)
@@ -538,8 +537,8 @@ def test_columns_by_hand():
 def test_headings_are_averaged_across_the_seam():
     heading = np.array([[-np.pi + 0.2, np.pi - 0.1, -np.pi + 0.1, 0.0]])
     observed = Observed(np.array([1]), *np.zeros((3, 1, 4)), np.ones((1, 4)), heading, nobody(1))
-    speed, got = current_velocity(observed, "columns")
-    w = kernel_weights(3)
+    speed, got = current_velocity(observed, "as_recorded")
+    w = observation_weights(3)
     vector = w[0] * np.exp(1j * heading[0, 2]) + w[1] * np.exp(1j * heading[0, 1]) + w[2] * np.exp(1j * heading[0, 0])
     assert got[0] == pytest.approx(np.angle(vector), abs=1e-12)
     assert abs(twins.wrap(got[0] - np.pi)) < 0.1  # a linear mean would be near -1
@@ -552,13 +551,13 @@ def test_differences_by_hand():
     wrong = np.full((1, 4), 99.0)
     observed = Observed(np.array([1]), np.array(t), np.array(x), np.array(y), wrong, wrong, nobody(1))
     speed, heading = current_velocity(observed, "differences")
-    w = kernel_weights(3)
+    w = observation_weights(3)
     assert speed[0] == pytest.approx(w[0] * math.sqrt(2) + w[1] * 1.0 + w[2] * 1.0, abs=1e-12)
     directions = np.exp(1j * np.array([0.75 * np.pi, 0.5 * np.pi, 0.0]))
     assert heading[0] == pytest.approx(np.angle(w @ directions), abs=1e-12)
 
 
-@pytest.mark.parametrize("source", ["columns", "differences"])
+@pytest.mark.parametrize("source", ["as_recorded", "differences"])
 def test_walking_straight_is_seen_as_such(source):
     t = np.arange(4.0)[None] + 1.9e9
     x, y = 1.2 * np.cos(2.5) * (t - t[0, 0]), 1.2 * np.sin(2.5) * (t - t[0, 0])
@@ -576,7 +575,7 @@ def test_observe_takes_the_first_rows_only():
         np.testing.assert_allclose(one, other, atol=1e-6)
 
 
-@pytest.mark.parametrize("source", ["columns", "differences"])
+@pytest.mark.parametrize("source", ["as_recorded", "differences"])
 def test_current_velocity_does_not_depend_on_the_other_tracks(source):
     rng = np.random.default_rng(3)
     n = 500

@@ -1,6 +1,7 @@
 """Scoring: truth, errors, both protocols, statistics and tests against loops, and design examples by hand."""
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,36 +14,27 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from modlhmp.floor_plan import OCCUPIED, FloorPlan, occupied_depth
-from modlhmp.forecasting import read_forecasts, write_forecasts
 from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.files import read_forecasts, write_forecasts
 from modlhmp.forecasting.observe import usable_tracks
-from modlhmp.scoring import score_recording
 from modlhmp.scoring.errors import displacement_errors, enters_occupied, ground_truth, is_idle
+from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.protocols import PROTOCOLS, score
+from modlhmp.scoring.recording import score_recording
 from modlhmp.scoring.ttests import holm, paired_test
+from modlhmp.site import IdleFilter, PaperProtocol, Site
 from modlhmp.storage import read_metadata, write_parquet, write_pieces
 from modlhmp.study.comparisons import compare
-from modlhmp.study.summary import (
-    Errors,
-    at_horizons,
-    at_own_length,
-    main_output,
-    read_errors,
-    scored_horizons,
-    summarise,
-)
+from modlhmp.study.summary import Errors, at_horizons, at_own_length, main_output, read_errors, summarise
 from modlhmp.tracks import Tracks, concatenate, empty_tracks
 
 FEW = settings(max_examples=30, deadline=None, derandomize=True)
 SEEDS = st.integers(0, 10**6)
 STEPS = 12
-DATASET = {
-    "observed_rows": 4,
-    "horizon_s": float(STEPS),
-    "time_step_s": 1.0,
-    "timezone": "Asia/Tokyo",
-    "paper_protocol": {"idle_filter": {"rows": 5, "min_displacement_m": 1.0}},
-}
+SITE = Site(
+    observed_rows=4, horizon_s=float(STEPS), time_step_s=1.0, timezone="Asia/Tokyo",
+    paper_protocol=PaperProtocol(idle_filter=IdleFilter(rows=5, min_displacement_m=1.0)),
+)  # fmt: skip
 
 
 def track(rng, person, rows, step_s=1.0, jitter=0.03, speed=1.2):
@@ -194,14 +186,14 @@ def design_example(tmp_path, alive):
     """
     t = 1.9e9 + np.arange(16.0)  # t0 is the fourth row, then 12 s
     walk = Tracks(np.full(16, 7), t, np.arange(16.0), np.zeros(16), np.ones(16), np.zeros(16))
-    dataset = {**DATASET, "horizon_s": 20.0}
+    site = replace(SITE, horizon_s=20.0)
     steps = np.arange(1, 21)
     x = 3.0 + np.minimum(steps, np.array(alive)[:, None])  # held after the last alive step
     y = np.broadcast_to([[1.0], [2.0]], (2, 20))
     fitness = np.minimum(steps, np.array(alive)[:, None]) * np.array([[-0.1], [-0.5]])
     forecast = Forecast(np.stack([x, y], -1)[None].astype(np.float32), fitness[None].astype(np.float32),
                         np.array([alive], np.int32), "ranked")  # fmt: skip
-    table = score_recording(walk, [(0, np.array([7]), forecast)], "day", dataset)
+    table = score_recording(walk, [(0, np.array([7]), forecast)], "day", site)
     write_parquet(table, tmp_path / "errors.parquet")
     errors = read_errors(tmp_path / "errors.parquet")
     rows = summarise("d", "m", errors, 1.0).set_index(["output", "protocol", "horizon_s"])
@@ -264,7 +256,7 @@ def test_recording_is_scored_track_by_track():
     tracks = recording(np.random.default_rng(1), tracks=20)
     rows = usable_tracks(tracks, 4)
     assert 5 < len(rows) < 20
-    table = score_recording(tracks, forecasts_of(tracks), "day", DATASET).to_pandas()
+    table = score_recording(tracks, forecasts_of(tracks), "day", SITE).to_pandas()
     assert len(table) == len(rows) * 2 * 4  # seeds; outputs and protocols
     forecasts = {seed: forecast for seed, _, forecast in forecasts_of(tracks)}
     seen = set()
@@ -290,7 +282,7 @@ def test_recording_is_scored_track_by_track():
 
 def test_every_eligible_track_is_scored_in_the_complete_protocol():
     tracks = recording(np.random.default_rng(2), tracks=30)
-    table = score_recording(tracks, forecasts_of(tracks), "day", DATASET).to_pandas()
+    table = score_recording(tracks, forecasts_of(tracks), "day", SITE).to_pandas()
     complete = table[table["protocol"] == "complete"]
     assert (complete["scored_steps"] == complete["eligible_steps"]).all()
     paper = table[table["protocol"] == "paper"]
@@ -299,8 +291,8 @@ def test_every_eligible_track_is_scored_in_the_complete_protocol():
 
 def test_without_idle_filter_nobody_is_idle():
     tracks = recording(np.random.default_rng(3), tracks=20)
-    dataset = {**DATASET, "paper_protocol": {"idle_filter": None}}
-    table = score_recording(tracks, forecasts_of(tracks), "day", dataset).to_pandas()
+    site = replace(SITE, paper_protocol=PaperProtocol(idle_filter=None))
+    table = score_recording(tracks, forecasts_of(tracks), "day", site).to_pandas()
     assert "idle" not in set(table["why_not"])
     by_protocol = {p: table[table["protocol"] == p].reset_index()["eligible_steps"] for p in PROTOCOLS}
     assert by_protocol["paper"].equals(by_protocol["complete"])
@@ -309,7 +301,7 @@ def test_without_idle_filter_nobody_is_idle():
 def test_hour_is_the_clock_hour_of_t0():
     t = 1917129600.0 + 3 * 3600 - 3.0 + np.arange(10)  # t0, the fourth row, is 03:00:00 UTC: noon in Japan
     walk = Tracks(np.full(10, 5), t, np.arange(10.0), np.zeros(10), np.ones(10), np.zeros(10))
-    table = score_recording(walk, forecasts_of(walk), "day", DATASET)
+    table = score_recording(walk, forecasts_of(walk), "day", SITE)
     assert set(table["hour"].to_pylist()) == {12}
 
 
@@ -317,7 +309,7 @@ def test_forecasts_of_other_tracks_are_refused():
     tracks = recording(np.random.default_rng(4), tracks=10)
     other = tracks._replace(track_id=tracks.track_id + 1)
     with pytest.raises(ValueError, match="other tracks"):
-        score_recording(tracks, forecasts_of(other), "day", DATASET)
+        score_recording(tracks, forecasts_of(other), "day", SITE)
 
 
 @pytest.mark.parametrize("sizes", [(3, 3, 2), (1, 7), (8,)])
@@ -333,13 +325,13 @@ def test_forecasts_may_come_a_few_tracks_after_the_other(sizes):
     ]
     key = ["output", "protocol", "seed", "track_id"]
     got, expected = (
-        score_recording(tracks, some, "day", DATASET).to_pandas().sort_values(key, ignore_index=True)
+        score_recording(tracks, some, "day", SITE).to_pandas().sort_values(key, ignore_index=True)
         for some in (blocks, whole)
     )
     pd.testing.assert_frame_equal(got, expected)
     if len(sizes) > 1:
         with pytest.raises(ValueError, match="fewer tracks"):
-            score_recording(tracks, blocks[:-1], "day", DATASET)
+            score_recording(tracks, blocks[:-1], "day", SITE)
 
 
 @pytest.mark.parametrize("rows", [0, 1, 4])
@@ -348,10 +340,10 @@ def test_recording_without_a_usable_track_is_scored_as_empty(tmp_path, rows):
     nobody = Forecast(np.empty((0, 3, STEPS, 2), np.float32), np.empty((0, 3, STEPS), np.float32),
                       np.empty((0, 3), np.int32), "ranked")  # fmt: skip
     write_forecasts(tmp_path / "f.parquet", [(seed, np.empty(0, np.int64), nobody) for seed in (0, 1)])
-    table = score_recording(tracks, read_forecasts(tmp_path / "f.parquet"), "day", DATASET)
+    table = score_recording(tracks, read_forecasts(tmp_path / "f.parquet"), "day", SITE)
     assert table.num_rows == 0
     full = recording(np.random.default_rng(6))
-    whole = score_recording(full, forecasts_of(full), "other", DATASET)
+    whole = score_recording(full, forecasts_of(full), "other", SITE)
     assert pa.concat_tables([table, whole]).unify_dictionaries().num_rows == whole.num_rows  # as all days are joined
 
 
@@ -361,7 +353,7 @@ def test_recording_without_a_usable_track_is_scored_as_empty(tmp_path, rows):
 def errors_table(seeds=(0, 1, 2)):
     """Errors of two recordings that share track ids."""
     days = {name: recording(np.random.default_rng(n), tracks=12) for n, name in enumerate(("day1", "day2"), 7)}
-    return [score_recording(tracks, forecasts_of(tracks, seeds), name, DATASET) for name, tracks in days.items()]
+    return [score_recording(tracks, forecasts_of(tracks, seeds), name, SITE) for name, tracks in days.items()]
 
 
 def saved(tables, path):
@@ -472,7 +464,7 @@ def test_order_of_the_tracks_in_a_recording_does_not_matter():
     keys = ["track_id", "seed", "output", "protocol"]
 
     def table(recorded):
-        scored = score_recording(recorded, forecasts_of(recorded), "day", DATASET).to_pandas()
+        scored = score_recording(recorded, forecasts_of(recorded), "day", SITE).to_pandas()
         return scored.astype(dict.fromkeys(keys, str)).sort_values(keys).reset_index(drop=True)
 
     one, other = table(tracks), table(mixed)
@@ -586,8 +578,7 @@ def test_infeasible_share_stands_beside_the_truth_s(tmp_path):
     xy = np.stack([np.full(STEPS, 2.0), y], -1)[None, None].astype(np.float32)
     zeros = np.zeros((1, 1, STEPS), np.float32)
     forecast = Forecast(xy, zeros, np.full((1, 1), STEPS, np.int32), "single")
-    dataset = {**DATASET, "horizon_s": float(STEPS)}
-    table = score_recording(walk, [(0, np.array([7]), forecast)], "day", dataset, plan)
+    table = score_recording(walk, [(0, np.array([7]), forecast)], "day", SITE, plan)
     write_parquet(table, tmp_path / "errors.parquet")
     rows = summarise("d", "m", read_errors(tmp_path / "errors.parquet"), 1.0)
     complete = rows[rows["protocol"] == "complete"]
@@ -648,8 +639,8 @@ def test_main_output_is_ranked_before_mean_before_single():
 
 
 def test_only_whole_steps_up_to_the_longest_horizon_are_scored():
-    dataset = {"time_step_s": 0.4, "horizon_s": 8.0}
-    assert scored_horizons([0.3, 1, 2, 4, 5, 8, 60], dataset) == [2, 4, 8]
+    site = Site(time_step_s=0.4, horizon_s=8.0)
+    assert scored_horizons([0.3, 1, 2, 4, 5, 8, 60], site) == [2, 4, 8]
 
 
 # --- forecasts files ----------------------------------------------------------------------------------------

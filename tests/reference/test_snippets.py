@@ -11,12 +11,14 @@ import pyarrow as pa
 import pytest
 from scipy import stats
 
-from modlhmp.forecasting import make_forecaster
 from modlhmp.forecasting.chain import chain
 from modlhmp.forecasting.observe import observe, usable_tracks
 from modlhmp.maps import snippets
 from modlhmp.maps.pieces import Metric
 from modlhmp.maps.snippets import SnippetMap
+from modlhmp.methods import make_forecaster
+from modlhmp.options import SnippetBuilding, Snippets
+from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys, uniform, uniforms
 from modlhmp.tracks import clock_time, concatenate, empty_tracks
@@ -28,9 +30,15 @@ STEPS = 12
 EVERY = 10**6  # as many snippets as there are
 
 
+def built(tracks, step_s=1.0, seed=0, **building):
+    """A map's table from tracks that are observed for as many rows as everywhere here."""
+    site = Site(time_step_s=step_s, observed_rows=PAST + 1)
+    return snippets.build(tracks, site, SnippetBuilding(**building), seed)
+
+
 def map_of(tracks, length_s=5.0, most=EVERY):
     """A map of tracks, of which forecasts use snippets of `length_s` out of those of 10 s."""
-    return SnippetMap(snippets.build(tracks, most=EVERY), METRIC, WEIGHTS, length_s, most)
+    return SnippetMap(built(tracks, most=EVERY), METRIC, WEIGHTS, length_s, most)
 
 
 def keys_of(walkers, k, seed=0):
@@ -105,7 +113,7 @@ def by_bin(table):
 def test_building_equals_the_loop(step_s, length_s, cell_m):
     tracks = training(step_s)
     expected = plain_snippets(tracks, step_s, length_s, cell_m)
-    got = by_bin(snippets.build(tracks, step_s, length_s, cell_m, most=EVERY, past=PAST))
+    got = by_bin(built(tracks, step_s, length_s=length_s, cell_m=cell_m, most=EVERY))
     assert {name: len(rows) for name, rows in got.items()} == {name: len(rows) for name, rows in expected.items()}
     for name, rows in got.items():
         for row in rows:
@@ -116,14 +124,14 @@ def test_building_equals_the_loop(step_s, length_s, cell_m):
 
 
 def test_bins_are_in_order():
-    table = snippets.build(training(), most=3)
+    table = built(training(), most=3)
     where = list(zip(*(table[name].to_pylist() for name in ("i", "j", "bin")), strict=True))
     assert where == sorted(where)
 
 
 @pytest.mark.parametrize("most", [1, 2, 5])
 def test_a_bin_keeps_some_that_stand_for_all(most):
-    whole, few = by_bin(snippets.build(training(), most=EVERY)), by_bin(snippets.build(training(), most=most))
+    whole, few = by_bin(built(training(), most=EVERY)), by_bin(built(training(), most=most))
     assert set(few) == set(whole)
     assert max(map(len, whole.values())) > 5
     for name, rows in few.items():
@@ -135,20 +143,20 @@ def test_a_bin_keeps_some_that_stand_for_all(most):
 
 def test_which_are_kept_is_the_seeds_choice():
     """Of a seed always the same, and fewer are some of the more; everyone is as likely to be kept."""
-    tables = [snippets.build(training(), most=1, seed=seed) for seed in (0, 0, 1)]
+    tables = [built(training(), most=1, seed=seed) for seed in (0, 0, 1)]
     assert tables[0].equals(tables[1])
     assert not tables[0].equals(tables[2])
-    for name, rows in by_bin(snippets.build(training(), most=3)).items():
+    for name, rows in by_bin(built(training(), most=3)).items():
         assert by_bin(tables[0])[name][0]["x"] == rows[0]["x"]
     crossing = concatenate(crowds.straight(n, (0.1, 0.1 + 0.1 * n), (1, 0), 5) for n in range(5))  # all in one bin
-    kept = Counter(snippets.build(crossing, cell_m=9.0, most=1, seed=s)["y"][0].as_py() for s in range(500))
+    kept = Counter(built(crossing, cell_m=9.0, most=1, seed=s)["y"][0].as_py() for s in range(500))
     assert len(kept) == 5
     assert stats.chisquare(list(kept.values())).pvalue > 0.001
 
 
 def test_a_person_who_leaves_is_held_there():
     """Seven rows, of which the fourth to the sixth begin snippets; the last row does not."""
-    table = snippets.build(crowds.straight(1, (0.5, 0.5), (1, 0), 7), length_s=2.0)
+    table = built(crowds.straight(1, (0.5, 0.5), (1, 0), 7), length_s=2.0)
     rows = sorted(table.to_pylist(), key=lambda row: row["x"])
     assert [row["x"] for row in rows] == [3.5, 4.5, 5.5]
     paths = [row["path"][::2] for row in rows]
@@ -158,7 +166,7 @@ def test_a_person_who_leaves_is_held_there():
 @pytest.mark.parametrize("length_s", [10.0, 3.0])
 @pytest.mark.parametrize("most", [EVERY, 2])
 def test_a_loaded_map_holds_the_tables_snippets(length_s, most):
-    table = snippets.build(training(), most=4)
+    table = built(training(), most=4)
     mod, bins = SnippetMap(table, METRIC, WEIGHTS, length_s, most), by_bin(table)
     assert mod.arrays.path.shape[1:] == (PAST + 1 + length_s, 2)
     assert (mod.arrays.index >= 0).sum() == len(bins)
@@ -200,7 +208,7 @@ def test_the_numbers_of_a_kernel_are_those_of_arrays(draws):
     [
         {},
         {"pace": 0.0},
-        {"pace": 0.5, "kernel_m": 0.5},
+        {"pace": 0.5, "bandwidth_m": 0.5},
         {"exits": False},
         {"exclude_s": 60.0},
         {"length_s": 1.0},
@@ -210,20 +218,20 @@ def test_the_numbers_of_a_kernel_are_those_of_arrays(draws):
         {"weights": [1.0]},
         {"weights": [0.4, 0.3, 0.2, 0.1]},
         {"cell_m": 2.5},
-        {"built": {"most": 2}},
+        {"kept": 2},
         {"step_s": 0.5},
         {"step_s": 2.0, "length_s": 6.0},
     ],
     ids=str,
 )
 def test_chaining_equals_the_plain_one_particle_by_particle(options):
-    defaults = {"length_s": 5.0, "step_s": 1.0, "metric": METRIC, "weights": WEIGHTS, "built": {}, "kernel_m": 1.5}
+    defaults = {"length_s": 5.0, "step_s": 1.0, "metric": METRIC, "weights": WEIGHTS, "kept": EVERY, "bandwidth_m": 1.5}
     options = {**defaults, **options}
-    length_s, step_s, metric, weights, built = (
-        options.pop(name) for name in ("length_s", "step_s", "metric", "weights", "built")
+    length_s, step_s, metric, weights, kept = (
+        options.pop(name) for name in ("length_s", "step_s", "metric", "weights", "kept")
     )
     cell_m = options.pop("cell_m", 1.0)
-    table = snippets.build(training(step_s), step_s, 10.0, cell_m, **{"most": EVERY, **built})
+    table = built(training(step_s), step_s, length_s=10.0, cell_m=cell_m, most=kept)
     mod = SnippetMap(table, metric, weights, length_s, EVERY)
     asking, k, length = walkers(step_s), 4, round(length_s / step_s)
     keys = keys_of(asking, k)
@@ -277,19 +285,19 @@ def table_of(rows):
     return pa.table(columns).replace_schema_metadata({"cell": "1.0", "past": "3", "step": "1.0"})
 
 
-@pytest.mark.parametrize("kernel_m", [0.15, 0.3, 1.0])
-def test_snippets_are_drawn_by_their_kernel_and_by_what_they_stand_for(kernel_m):
-    """Probability of a snippet ~ exp(-d^2 / (2 kernel_m^2)) times the number of pieces it stands for."""
+@pytest.mark.parametrize("bandwidth_m", [0.15, 0.3, 1.0])
+def test_snippets_are_drawn_by_their_kernel_and_by_what_they_stand_for(bandwidth_m):
+    """Probability of a snippet ~ exp(-d^2 / (2 bandwidth_m^2)) times the number of pieces it stands for."""
     starts = [(0.5, 0.5), (0.6, 0.5), (0.5, 0.8), (0.9, 0.9)]
     more = [(0.5, 1.2), (0.3, 1.1)]
     rows = one_bin(starts) + one_bin(more, 3.0, toward=-1.0, at=(0, 1, 0))
     mod, k = SnippetMap(table_of(rows), METRIC, WEIGHTS, 1.0, EVERY), 4000
     one = walker((0.5, 0.6), (1, 0))
-    got = chain(mod, one, 1, keys_of(one, k), kernel_m)
+    got = chain(mod, one, 1, keys_of(one, k), bandwidth_m)
     drawn = np.rint(got.xy[0, 1:, 0, 1] - 0.6).astype(int)
     weights = {
-        **{n + 1: math.exp(-(math.dist((0.5, 0.6), at) ** 2) / (2 * kernel_m**2)) for n, at in enumerate(starts)},
-        **{-n - 1: 3 * math.exp(-(math.dist((0.5, 0.6), at) ** 2) / (2 * kernel_m**2)) for n, at in enumerate(more)},
+        **{n + 1: math.exp(-(math.dist((0.5, 0.6), at) ** 2) / (2 * bandwidth_m**2)) for n, at in enumerate(starts)},
+        **{-n - 1: 3 * math.exp(-(math.dist((0.5, 0.6), at) ** 2) / (2 * bandwidth_m**2)) for n, at in enumerate(more)},
     }
     expected = np.array(list(weights.values())) / sum(weights.values()) * k
     found = np.array([np.count_nonzero(drawn == name) for name in weights])
@@ -474,7 +482,7 @@ def test_people_who_stand_still_can_be_followed():
 def test_a_snippet_has_at_least_one_step(length_s):
     """Shorter ones would lead nowhere."""
     assert map_of(training(), length_s).arrays.path.shape[1] == PAST + 2
-    assert snippets.build(training(), length_s=length_s)["path"].type.list_size == 2 * (PAST + 2)
+    assert built(training(), length_s=length_s)["path"].type.list_size == 2 * (PAST + 2)
 
 
 def test_no_walkers_no_forecast():
@@ -530,10 +538,11 @@ def test_moving_map_and_walkers_by_whole_cells_moves_the_forecast():
 
 
 def test_the_forecaster_of_a_file_takes_the_methods_options(tmp_path):
-    write_parquet(snippets.build(training(), most=9), tmp_path / "snippets.parquet")
-    dataset = {"difference_weights": WEIGHTS, "observed_rows": 4, "time_step_s": 1.0, "timezone": "UTC"}
-    options = {"k": 6, "length_s": 3.0, "most": 4, "kernel_m": 0.9, "pace": 0.5, "exits": False, "exclude_s": 60.0}
-    forecaster = make_forecaster("snippets", {**options, **METRIC._asdict()}, dataset, tmp_path / "snippets.parquet")
+    write_parquet(built(training(), most=9), tmp_path / "snippets.parquet")
+    site = Site(difference_weights=tuple(WEIGHTS), observed_rows=4, time_step_s=1.0, timezone="UTC")
+    options = Snippets(k=6, length_s=3.0, most=4, bandwidth_m=0.9, pace=0.5, exits=False, exclude_s=60.0,
+                       **METRIC._asdict())  # fmt: skip
+    forecaster = make_forecaster("snippets", options, site, tmp_path / "snippets.parquet")
     keys = keys_of(walkers(), 6)
-    mod = SnippetMap(snippets.build(training(), most=9), METRIC, WEIGHTS, 3.0, 4)
+    mod = SnippetMap(built(training(), most=9), METRIC, WEIGHTS, 3.0, 4)
     assert_same(forecaster(walkers(), STEPS, keys), chain(mod, walkers(), STEPS, keys, 0.9, 0.5, False, 60.0))

@@ -7,11 +7,15 @@ import twins
 from scipy import stats
 
 from modlhmp.maps import fremen, stef
+from modlhmp.options import RollOut
+from modlhmp.site import Site
 from modlhmp.storage import DataError, write_parquet
 from modlhmp.study import demo
+from modlhmp.study.demo.sites import planted_flows
 from modlhmp.tracks import Tracks, concatenate
 
 DAY = 86400.0
+JAPAN = Site(timezone="Asia/Tokyo")
 TWO_DAYS = (np.arange(288) + 0.5) * 600.0
 ONE_DAY = TWO_DAYS[:144]
 
@@ -156,7 +160,7 @@ def tracks_of(t, x, y, heading, speed=1.0):
 @pytest.mark.parametrize("days", [[0], [0, 1], [0, 4]])
 def test_built_map_equals_the_plain_twin(days):
     rows = walks(4, days)
-    table = stef.build(tracks_of(*rows), "Asia/Tokyo").to_pydict()
+    table = stef.build(tracks_of(*rows), JAPAN).to_pydict()
     times, signals = twins.stef_signals(list(zip(*rows, strict=True)), "Asia/Tokyo", 8, 600)
     assert len(times) == 144 * len(days)
     keys = [
@@ -181,7 +185,7 @@ def test_signals_are_shares_of_the_busiest_direction():
     t0 = 1917183600.0
     t = t0 + np.array([1, 2, 3, 4, 5, 6, 601], float)
     heading = np.array([0, 0, 0, 0, 1, 1, 1]) * np.pi / 2
-    table = stef.build(tracks_of(t, np.full(7, 0.5), np.full(7, 0.5), heading), "Asia/Tokyo").to_pydict()
+    table = stef.build(tracks_of(t, np.full(7, 0.5), np.full(7, 0.5), heading), JAPAN).to_pydict()
     np.testing.assert_allclose(np.array(table["mean"]) * 144, [1, 0, 1.5, 0, 0, 0, 0, 0], atol=1e-12)
 
 
@@ -190,13 +194,13 @@ def test_rows_without_motion_do_not_count():
     moving = tracks_of(*rows)
     still = tracks_of(*walks(6, [0]), speed=0.0)
     unknown = tracks_of(*walks(7, [0])[:3], np.full(300, np.nan), np.nan)
-    together = stef.build(concatenate([still, moving, unknown]), "Asia/Tokyo")
-    assert together.equals(stef.build(moving, "Asia/Tokyo"))
+    together = stef.build(concatenate([still, moving, unknown]), JAPAN)
+    assert together.equals(stef.build(moving, JAPAN))
 
 
 def test_days_without_data_are_left_out_and_times_keep_their_distance():
     rows = walks(8, [0, 4])
-    table = stef.build(tracks_of(*rows), "Asia/Tokyo").to_pydict()
+    table = stef.build(tracks_of(*rows), JAPAN).to_pydict()
     # Five calendar days from the first to the last interval: the daily period is admitted.
     assert max(map(max, table["periods"])) == DAY
 
@@ -205,7 +209,7 @@ def test_the_day_is_the_local_day():
     # 23:30 UTC is 08:30 of the next day in Japan: both rows are of one interval, and of one day.
     t = 1917129600.0 + 23.5 * 3600 + np.array([0.0, 60.0])
     assert 1917129600.0 % DAY == 0
-    table = stef.build(tracks_of(t, np.full(2, 0.5), np.full(2, 0.5), np.zeros(2)), "Asia/Tokyo")
+    table = stef.build(tracks_of(t, np.full(2, 0.5), np.full(2, 0.5), np.zeros(2)), JAPAN)
     share = {hour: stef.evaluate(table, hour * 3600.0)["probabilities"][0].as_py()[0] for hour in (8.5, 20.5)}
     value = {
         hour: fremen.predict(hour * 3600, *(np.array(table[name][0].as_py()) for name in
@@ -218,7 +222,7 @@ def test_the_day_is_the_local_day():
 
 def test_build_needs_headings():
     with pytest.raises(DataError, match="heading"):
-        stef.build(tracks_of(*walks(9, [0])[:3], np.full(300, np.nan)), "Asia/Tokyo")
+        stef.build(tracks_of(*walks(9, [0])[:3], np.full(300, np.nan)), JAPAN)
 
 
 # --- probabilities ------------------------------------------------------------------------------------------
@@ -227,7 +231,7 @@ def test_build_needs_headings():
 @pytest.mark.parametrize("hour", [3, 9, 14, 20])
 def test_probabilities_equal_the_twin_and_sum_to_one_or_zero(hour):
     rows = walks(10, [0, 1])
-    table = stef.build(tracks_of(*rows), "Asia/Tokyo")
+    table = stef.build(tracks_of(*rows), JAPAN)
     t = stef.middle_of_hour(hour)
     assert t == hour * 3600 + 1800
     got = np.array(stef.evaluate(table, t)["probabilities"].to_pylist())
@@ -333,12 +337,12 @@ def test_extreme_draws_pick_a_direction_that_exists(u):
 
 
 def test_saved_map_samples_alike(tmp_path):
-    table = stef.evaluate(stef.build(tracks_of(*walks(14, [0, 1])), "Asia/Tokyo"), stef.middle_of_hour(12))
+    table = stef.evaluate(stef.build(tracks_of(*walks(14, [0, 1])), JAPAN), stef.middle_of_hour(12))
     write_parquet(table, tmp_path / "12.parquet", dataset="test", hour=12)
     rng = np.random.default_rng(15)
     particles = (*rng.uniform(-4, 4, (2, 300)), np.ones(300), np.ones(300), np.ones(300), rng.uniform(size=(300, 1)))
     before = stef.StefMap(table, 1.0).sample(*particles)
-    after = stef.StefMap.load(tmp_path / "12.parquet", 1.0).sample(*particles)
+    after = stef.load(tmp_path / "12.parquet", JAPAN, RollOut(sampling_radius_m=1.0)).sample(*particles)
     assert 0 < before[3].sum() < 300
     for one, other in zip(before, after, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -353,7 +357,7 @@ def hall():
     days = [recording.day for recording in demo.RECORDINGS if (recording.site, recording.split) == ("hall", "train")]
     tables = [twins.demo_tracks(day) for day in days]
     later = tables[1]._replace(track_id=tables[1].track_id + 10**9)  # ids differ between the days
-    return stef.build(concatenate([tables[0], later]), "Asia/Tokyo")
+    return stef.build(concatenate([tables[0], later]), JAPAN)
 
 
 def share_towards(table, hour, x, y, heading):
@@ -372,10 +376,10 @@ def share_towards(table, hour, x, y, heading):
 @pytest.mark.parametrize("place", ["west arm", "south", "north", "east arm", "west link", "east link"])
 def test_planted_change_from_morning_to_evening_is_visible(hall, place):
     shares = {"morning": [], "evening": []}  # of the direction that is planted to prevail in the morning
-    main = max((flow for flow in demo.planted_flows("hall", 9) if flow.place == place), key=lambda flow: flow.share)
+    main = max((flow for flow in planted_flows("hall", 9) if flow.place == place), key=lambda flow: flow.share)
     for when, hours in (("morning", (9, 10)), ("evening", (19, 20))):
         for hour in hours:
-            planted = {flow.heading: flow.share for flow in demo.planted_flows("hall", hour) if flow.place == place}
+            planted = {flow.heading: flow.share for flow in planted_flows("hall", hour) if flow.place == place}
             assert (planted[main.heading] > 0.7) == (when == "morning")
             shares[when].append(share_towards(hall, hour, main.x, main.y, main.heading))
     assert np.mean(shares["morning"]) > 0.65

@@ -116,7 +116,7 @@ def test_whole_run_of_em(seed):
 
 
 def test_run_on_overlapping_components_stops_where_the_twin_does():
-    # Slow to converge: the gain falls below 1e-5 an observation long before it falls below 1e-5 in all.
+    # Slow to converge: the gain falls below 1e-5 per observation long before it falls below 1e-5 in all.
     close = np.array([[0.5, 0.3, 1.0, 0.10, 0.0, 0.04], [0.5, 0.9, 1.2, 0.10, 0.0, 0.04]])
     heading, speed = draw(close, 200, seed=12)
     start = rough_start(close)

@@ -2,6 +2,7 @@
 
 import logging
 import re
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 import torch
 from crowds import crowd, straight
 
-from modlhmp.forecasting import forecast_recording
-from modlhmp.networks import KINDS, forecaster, lstm, training
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.kinds import BUILT_IN, find
+from modlhmp.methods import make_forecaster
+from modlhmp.networks import forecaster, lstm, training
 from modlhmp.networks.data import Scenes, day_of
-from modlhmp.networks.forecaster import network_forecaster
 from modlhmp.networks.training import (
     batches,
     build_network,
@@ -22,26 +24,30 @@ from modlhmp.networks.training import (
     train,
     validate,
 )
+from modlhmp.options import Learning
+from modlhmp.settings import check
+from modlhmp.site import Site
 from modlhmp.storage import DataError
 from modlhmp.tracks import concatenate, empty_tracks
 
 LOG = logging.getLogger("training")
-DATASET = {"observed_rows": 4, "horizon_s": 6.0, "time_step_s": 1.0, "timezone": "UTC"}
-LEARNED = {"threads": 1, "device": "cpu", "futures": "masked", "seed": 0}
+KINDS = [kind.name for kind in BUILT_IN if kind.learned]
+SITE = Site(observed_rows=4, horizon_s=6.0, time_step_s=1.0, timezone="UTC")
+LEARNING = Learning(device="cpu", futures="masked", seed=0)
 OPTIONS = {"epochs": 4, "batch_size": 16, "learning_rate": 0.003, "schedule": "cosine", "patience": 9, "rotate": True}
 SIZES = {
     "lstm": {"hidden": 8},
     "social_lstm": {"hidden": 8},
     "trajectronpp": {"decoder": 8, "modes": 4},
     "tutr": {"width": 8, "modes": 5},
-    "mid": {"context": 8, "layers": 1, "k": 3},
-    "neural_map": {"channels": 2, "validation": "blocks", "another_every": 5},
+    "mid": {"context": 8, "k": 3},
+    "neural_map": {"channels": 2, "held_out": "blocks", "another_every": 5},
 }
 NAMES = ("data", "method", "day")
 
 
 def options_of(kind, **changes):
-    return {**OPTIONS, **SIZES[kind], **changes}
+    return find(kind).options(**{**OPTIONS, **SIZES[kind], **changes})
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +58,10 @@ def days():
 
 @pytest.fixture
 def run(days, tmp_path):
-    """Function (kind, options, days=..., learned=...) -> what `train` returns, with one checkpoint file for all."""
+    """Function (kind, options, days=..., learning=...) -> what `train` returns, with one checkpoint file for all."""
 
-    def start(kind, options, days=days, checkpoint=tmp_path / "model.checkpoint", **learned):
-        return train(kind, options, days, DATASET, {**LEARNED, **learned}, checkpoint, LOG)
+    def start(kind, options, days=days, checkpoint=tmp_path / "model.checkpoint", **learning):
+        return train(find(kind), options, days, SITE, replace(LEARNING, **learning), checkpoint, LOG, threads=1)
 
     return start
 
@@ -99,7 +105,7 @@ def test_an_interrupted_training_gives_the_weights_of_an_undisturbed_one(kind, r
     torch.manual_seed(99)  # whatever has been drawn in between
     with caplog.at_level(logging.INFO, "training"):
         resumed = run(kind, options_of(kind))
-    assert f"{kind}: taken up after epoch 2" in caplog.text
+    assert f"{kind}: continues after epoch 2" in caplog.text
     assert "epoch 2 of 4" not in caplog.text
     assert_same_training(resumed, whole)
     summaries = [{name: value for name, value in one[2].items() if name != "minutes"} for one in (resumed, whole)]
@@ -292,8 +298,8 @@ def test_no_track_of_the_whole_horizon(run):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_an_unknown_size_is_named(kind):
-    with pytest.raises(DataError, match=rf"{kind} cannot be built with the options .*'colour'"):
-        build_network(kind, options_of(kind, colour=3), 6, 4, 1.0)
+    with pytest.raises(DataError, match=r"(?s)methods\.one.*unknown key 'colour'"):
+        check(find(kind).options, {**OPTIONS, **SIZES[kind], "colour": 3}, "methods.one")
 
 
 def test_devices(run, monkeypatch):
@@ -348,10 +354,10 @@ def saved(tmp_path):
     def save(kind, options=None):
         torch.manual_seed(3)
         options = options or options_of(kind)
-        network = build_network(kind, options, 6, 4, 1.0).eval()
+        network = build_network(find(kind), options, SITE).eval()
         for buffer in (buffer for name, buffer in network.named_buffers() if name == "modes"):
             buffer.copy_(torch.randn(buffer.shape).cumsum(1))
-        save_network(tmp_path / f"{kind}.pt", kind, options, DATASET, network)
+        save_network(tmp_path / f"{kind}.pt", find(kind), options, SITE, network)
         return tmp_path / f"{kind}.pt", network
 
     return save
@@ -360,27 +366,27 @@ def saved(tmp_path):
 @pytest.mark.parametrize("kind", KINDS)
 def test_saved_weights_are_loaded_as_they_were(kind, saved):
     path, network = saved(kind)
-    loaded = load_network(path, kind, options_of(kind), dict(DATASET))
+    loaded = load_network(path, find(kind), options_of(kind), replace(SITE))
     assert not loaded.training
     for name, value in network.state_dict().items():
         assert torch.equal(value, loaded.state_dict()[name])
 
 
 @pytest.mark.parametrize(
-    ("kind", "options", "dataset", "named"),
+    ("kind", "options", "site", "named"),
     [
-        ("social_lstm", options_of("lstm"), DATASET, "kind"),
-        ("lstm", options_of("lstm", hidden=16), DATASET, "options"),
-        ("lstm", options_of("lstm", epochs=5), DATASET, "options"),
-        ("lstm", options_of("lstm"), {**DATASET, "horizon_s": 12.0}, "shape"),
-        ("lstm", options_of("lstm"), {**DATASET, "observed_rows": 3}, "shape"),
-        ("lstm", options_of("lstm"), {**DATASET, "horizon_s": 3.0, "time_step_s": 0.5}, "shape"),
+        ("social_lstm", options_of("lstm"), SITE, "kind"),
+        ("lstm", options_of("lstm", hidden=16), SITE, "options"),
+        ("lstm", options_of("lstm", epochs=5), SITE, "options"),
+        ("lstm", options_of("lstm"), replace(SITE, horizon_s=12.0), "shape"),
+        ("lstm", options_of("lstm"), replace(SITE, observed_rows=3), "shape"),
+        ("lstm", options_of("lstm"), replace(SITE, horizon_s=3.0, time_step_s=0.5), "shape"),
     ],
 )
-def test_weights_of_another_configuration_are_refused(kind, options, dataset, named, saved):
+def test_weights_of_another_configuration_are_refused(kind, options, site, named, saved):
     path, _ = saved("lstm")
     with pytest.raises(DataError, match=rf"{re.escape(str(path))}: trained with {named} .*; delete it and run again"):
-        load_network(path, kind, options, dataset)
+        load_network(path, find(kind), options, site)
 
 
 @pytest.mark.parametrize("damage", [cut_short, emptied, overwritten, lambda path: torch.save({"a": 1}, path),
@@ -389,17 +395,21 @@ def test_files_that_are_no_weights_are_refused(damage, saved):
     path, _ = saved("lstm")
     damage(path)
     with pytest.raises(DataError, match=rf"{re.escape(str(path))}: cannot be read as weights .*delete it and run"):
-        load_network(path, "lstm", options_of("lstm"), DATASET)
+        load_network(path, find("lstm"), options_of("lstm"), SITE)
 
 
 # --- forecasts ----------------------------------------------------------------------------------------------
 
 
+def futures_of(kind):
+    """How many futures a track has."""
+    return SIZES[kind].get("k", 1)
+
+
 def forecasts(path, kind, own, others):
     """The forecasts of a recording with a saved network, seeds 0 and 1."""
-    method = network_forecaster(path, kind, options_of(kind), DATASET, LEARNED)
-    k = options_of(kind).get("k", 1)
-    return list(forecast_recording(own, method, DATASET, NAMES, k, [0, 1], others))
+    method = make_forecaster(kind, options_of(kind), SITE, path, device="cpu", threads=1)
+    return list(forecast_recording(own, method, SITE, NAMES, futures_of(kind), find(kind).seeds([0, 1]), others))
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -407,7 +417,7 @@ def test_forecasts_do_not_depend_on_what_is_forecast_beside_them(kind, saved, mo
     path, network = saved(kind)
     own, others = crowd(5, people=12, gaps=(1,)), [crowd(6, people=12, gaps=(1,))]
     together = forecasts(path, kind, own, others)
-    k = options_of(kind).get("k", 1)
+    k = futures_of(kind)
     n = len(together[0][1])
     assert n > 5
     assert [seed for seed, _, _ in together] == ([0, 1] if kind == "mid" else [0])
@@ -452,7 +462,7 @@ def test_a_recording_without_usable_tracks(kind, saved):
     path, _ = saved(kind)
     for own in (empty_tracks(), straight(1, (0, 0), (1, 0), 4)):
         _, ids, forecast = forecasts(path, kind, own, [crowd(8, people=3)])[0]
-        k = options_of(kind).get("k", 1)
+        k = futures_of(kind)
         assert len(ids) == 0
         assert forecast.xy.shape == (0, k, 6, 2)
         assert forecast.log_fitness.shape == (0, k, 6)

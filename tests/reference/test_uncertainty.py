@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modlhmp.forecasting import forecast_recording
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.median import with_median
+from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.scoring.protocols import score
 from modlhmp.scoring.uncertainty import (
     energy_score,
@@ -22,13 +22,14 @@ from modlhmp.scoring.uncertainty import (
     score_samples,
     still_there,
 )
+from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.study.reliability import calibration, read_uncertainty, reliability, summarise
 from modlhmp.tracks import Tracks, concatenate
 
 SEEDS = st.integers(0, 10**6)
 STEPS = 6
-DATASET = {"observed_rows": 4, "horizon_s": float(STEPS), "time_step_s": 1.0}
+SITE = Site(observed_rows=4, horizon_s=float(STEPS), time_step_s=1.0)
 
 
 def futures(rng, n=4, m=7, output="ranked", steps=STEPS):
@@ -213,12 +214,12 @@ def test_a_recording_is_measured_in_parts(monkeypatch):
         return Forecast(xy.astype(np.float32), np.zeros((n, k, steps), np.float32), np.full((n, k), steps), "ranked")
 
     def measured():
-        forecasts = forecast_recording(tracks, forecaster, DATASET, ("hall", "m", "day"), 30, [0, 3])
-        return score_samples(tracks, forecasts, "day", DATASET, 5, [2.0, 6.0]).to_pandas()
+        forecasts = forecast_recording(tracks, forecaster, SITE, ("hall", "m", "day"), 30, [0, 3])
+        return score_samples(tracks, forecasts, "day", SITE, 5, [2.0, 6.0]).to_pandas()
 
     whole = measured()
     assert asked == [(6, 30)] * 2
-    monkeypatch.setattr("modlhmp.forecasting.TRACKS_AT_ONCE", 4)
+    monkeypatch.setattr("modlhmp.forecasting.recording.TRACKS_AT_ONCE", 4)
     parts = measured()
     assert asked[2:] == [(4, 30), (2, 30)] * 2
     key = ["track_id", "seed"]
@@ -232,7 +233,7 @@ def test_a_file_is_summarised_by_track_then_over_tracks(tmp_path):
     """Means over the seeds first; the Brier score of each seed; n beside all."""
     tracks, rng = walkers(3, [10, 10, 6]), np.random.default_rng(6)
     forecasts = [(seed, np.array([10, 11, 12]), futures(rng, n=3, m=8)) for seed in (0, 1)]
-    table = score_samples(tracks, forecasts, "day", DATASET, 5, [2.0, 6.0])
+    table = score_samples(tracks, forecasts, "day", SITE, 5, [2.0, 6.0])
     write_parquet(table, tmp_path / "m.parquet", horizons_s=[2.0, 6.0])
     horizons, by_track = read_uncertainty(tmp_path / "m.parquet")
     rows = summarise("hall", "m", horizons, by_track).set_index("horizon_s")

@@ -18,7 +18,8 @@ import yaml
 from scipy.stats import multivariate_normal
 
 from modlhmp.cleaning import clean_recording
-from modlhmp.settings import DATASET_DEFAULTS
+from modlhmp.file_format import FileFormat, Recording
+from modlhmp.settings import build
 from modlhmp.study import demo
 
 TWO_PI = 2.0 * math.pi
@@ -420,4 +421,4 @@ def demo_tracks(day, scale=1.0, seed=1):
     with TemporaryDirectory() as folder:
         path = Path(folder) / "hall.csv"
         demo.write_recording(path, "hall", day, seed, scale)
-        return clean_recording(path, {**DATASET_DEFAULTS, **keys}, {"day": day})[0]
+        return clean_recording(path, build(FileFormat, keys), Recording(day=day))[0]

@@ -1,5 +1,7 @@
 """The readers on the real ATC day (skipped where it is absent)."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -21,10 +23,10 @@ def dataset(real_data, load_shipped):
 @pytest.fixture(scope="module")
 def one_hz(dataset):
     """{split: (Tracks, Account)} of the day's two files."""
-    missing = [recording["path"] for recording in dataset["recordings"] if not recording["exists"]]
+    missing = [recording.path for recording in dataset.recordings if not recording.exists]
     if missing:
         pytest.skip(f"{', '.join(missing)}: not there")
-    return {r["split"]: read_recording(r["path"], dataset, r) for r in dataset["recordings"]}
+    return {r.split: read_recording(r.path, dataset, r.day, r.start) for r in dataset.recordings}
 
 
 @pytest.mark.parametrize("split", FILES)
@@ -52,7 +54,7 @@ def test_raw_rows_become_the_1_hz_rows(real_data, dataset, one_hz, window, expec
     path = real_data / "atc" / f"{window}.csv"
     if not path.is_file():
         pytest.skip(f"{path} is not there")
-    tracks, account = read_recording(path, {**dataset, "reader": "atc"}, {"day": DAY})
+    tracks, account = read_recording(path, dataclasses.replace(dataset, reader="atc"), DAY)
     assert account.rows_read == len(tracks.t) + account.dropped_rows["downsampled"]
     assert set(account.dropped_rows) == {"downsampled"}
     first, last = int(np.floor(tracks.t.min())), int(np.floor(tracks.t.max()))

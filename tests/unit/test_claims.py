@@ -1,21 +1,17 @@
 """The table of claims: verdicts by hand on planted differences, and claims that cannot be tested yet."""
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
 
+from modlhmp.datasets import Dataset
 from modlhmp.study import claims
+from modlhmp.study.exhibits.claims_table import write_claims
 from modlhmp.study.summary import Errors
 
-HALL = {
-    "title": "Hall",
-    "label": "atc",
-    "name": "hall",
-    "horizon_s": 60,
-    "time_step_s": 1.0,
-    "floor_plan": [],
-    "demo": True,
-}
+HALL = Dataset(title="Hall", label="atc", name="hall", reader="atc", horizon_s=60, time_step_s=1.0, demo=True)
 TITLES = {"tc_cliff": "TC-CLiFF", "cliff": "CLiFF", "stef": "STeF", "cvm": "CVM", "lstm": "LSTM"}
 KINDS = {name: name for name in TITLES}
 HORIZONS = [5, 10, 30.0, 60]
@@ -94,7 +90,7 @@ def test_who_idles_is_told_apart():
     gain = np.where(np.arange(len(keys)) < 50, -1.5, 0.25)[None, :, None]
     lstm = {key: one._replace(ade=one.ade + gain, fde=one.fde + 2 * gain)
             for key, one in errors_of([1, 2, 4, 8], ("single",), seed=4).items()}  # fmt: skip
-    known = {"errors": {**evidence().errors, "lstm": lstm}, "dataset": {**HALL, "label": "edin"}}
+    known = {"errors": {**evidence().errors, "lstm": lstm}, "dataset": dataclasses.replace(HALL, label="edin")}
     table = claims.test_claims([evidence(idle=frozenset(keys[:50]), **known)], TITLES, KINDS)
     row = table[table["our test"].str.contains("those who idle")].iloc[0]
     assert row["verdict"] == "supported"
@@ -151,9 +147,9 @@ def test_holm_is_over_a_dataset_and_protocol():
 
 def test_an_unknown_dataset_is_asked_every_claim(tmp_path):
     """And the table is written in all forms, labelled as demo."""
-    table = claims.test_claims([evidence(dataset={**HALL, "label": "own"})], TITLES, KINDS)
+    table = claims.test_claims([evidence(dataset=dataclasses.replace(HALL, label="own"))], TITLES, KINDS)
     assert set(table["claim"]) == {claim.text for claim in claims.CLAIMS.values()}
-    claims.write_claims(table, True, str(tmp_path / "claims"))
+    write_claims(table, True, str(tmp_path / "claims"))
     assert "Demo data" in (tmp_path / "claims.md").read_text()
     assert len(pd.read_csv(tmp_path / "claims.csv")) == len(table)
     assert (tmp_path / "claims.html").read_text().count("<tr>") == len(table) + 1

@@ -4,18 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.path import Path as Polygon
 
 from modlhmp.angles import circular_difference
-from modlhmp.cleaning import (
-    BLOCK_S,
-    RULES,
-    VALIDATION_SHARE,
-    backward_differences,
-    clean_recording,
-    held_out,
-    interpolate,
-)
+from modlhmp.cleaning import BLOCK_S, RULES, VALIDATION_SHARE, clean_recording, in_validation_blocks, inside_polygons
+from modlhmp.file_format import Columns, FileFormat, Recording
 from modlhmp.storage import DataError
+from modlhmp.time_step import backward_differences, interpolate
 from modlhmp.tracks import Tracks, concatenate, empty_tracks
 
 SCALE = 0.0247
@@ -38,10 +33,74 @@ def pixels(track_id, *points):
 
 def dropped_by(rule, tracks, **options):
     """Ids of the tracks that a rule drops."""
-    mask = RULES[rule](tracks, {"scale": SCALE}, **options)
+    mask = RULES[rule](tracks, FileFormat(scale=SCALE), **options)
     ids = tracks.track_id[tracks.bounds()[:-1]]
     assert mask.shape == ids.shape
     return ids[mask].tolist()
+
+
+# --- polygons -----------------------------------------------------------------------------------------------
+
+
+def matplotlib_inside(points, polygon):
+    """The reference: matplotlib, whose radius grows or shrinks a polygon by its sense of rotation."""
+    return np.logical_or(*(Polygon(polygon).contains_points(points, radius=radius) for radius in (1e-9, -1e-9)))
+
+
+def distance_to_border(points, polygon):
+    corners = np.asarray(polygon, float)
+    edges = np.roll(corners, -1, axis=0) - corners
+    away = points[:, None] - corners
+    along = np.clip((away * edges).sum(-1) / np.maximum((edges**2).sum(-1), 1e-300), 0, 1)
+    return np.linalg.norm(away - along[..., None] * edges, axis=-1).min(axis=1)
+
+
+@st.composite
+def simple_polygons(draw):
+    """Corners by their direction from a centre: convex or not, never across itself, either way round."""
+    number = draw(st.integers(3, 9))
+    turns = np.arange(number) + np.array(draw(st.lists(st.floats(0, 0.8), min_size=number, max_size=number)))
+    radii = np.array(draw(st.lists(st.floats(5, 300), min_size=number, max_size=number)))
+    centre = np.array(draw(st.tuples(st.floats(-700, 700), st.floats(-700, 700))))
+    angles = turns * 2 * np.pi / number * draw(st.sampled_from([1, -1]))
+    return centre + radii[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+whole = st.integers(-6, 6)
+
+
+@given(simple_polygons(), st.integers(0, 2**32 - 1))
+def test_inside_is_matplotlibs(polygon, seed):
+    """At random, at corners, on edges, just off the edges."""
+    rng = np.random.default_rng(seed)
+    edge = rng.integers(0, len(polygon), 60)
+    start, end = polygon[edge], np.roll(polygon, -1, axis=0)[edge]
+    on_edges = start + rng.random((60, 1)) * (end - start)
+    across = (end - start)[:, ::-1] * [1, -1] / np.linalg.norm(end - start, axis=1, keepdims=True)
+    off_edges = on_edges + across * rng.choice([-1e-3, -1e-6, -1e-7, 1e-7, 1e-6, 1e-3], (60, 1))
+    spread = polygon.min(axis=0) - 20 + rng.random((100, 2)) * (np.ptp(polygon, axis=0) + 40)
+    points = np.concatenate([spread, polygon, on_edges, off_edges])
+    np.testing.assert_array_equal(inside_polygons(points, [polygon]), matplotlib_inside(points, polygon))
+    assert inside_polygons(np.concatenate([polygon, on_edges]), [polygon]).all()
+
+
+@given(st.lists(st.tuples(whole, whole), min_size=3, max_size=8), st.floats(-0.45, 0.45), st.floats(-0.45, 0.45))
+def test_inside_of_crossed_edges_is_matplotlibs(polygon, dx, dy):
+    """Any corners, edges that cross or repeat: the same but on the border, where matplotlib is undecided."""
+    x, y = np.meshgrid(np.arange(-7, 8) + dx, np.arange(-7, 8) + dy)
+    points = np.column_stack([x.ravel(), y.ravel()])
+    points = points[distance_to_border(points, polygon) > 1e-6]
+    np.testing.assert_array_equal(inside_polygons(points, [polygon]), matplotlib_inside(points, polygon))
+
+
+def test_inside_of_several_polygons():
+    """Their union; the border counts, a polygon may name its first corner again, unknown positions are outside."""
+    points = [[10, 10], [50, 3], [50 + 1e-10, 3], [50.001, 3], [300, 200], [600, 480], [640.001, 480], [np.nan, 3]]
+    expected = [True, True, True, False, False, True, False, False]
+    assert inside_polygons(points, [LEFT, RIGHT]).tolist() == expected
+    assert inside_polygons(points, [[*RIGHT, RIGHT[0]], LEFT[::-1]]).tolist() == expected
+    assert inside_polygons(points, []).tolist() == [False] * 8
+    assert inside_polygons(np.zeros((0, 2)), [LEFT]).tolist() == []
 
 
 # --- rules --------------------------------------------------------------------------------------------------
@@ -181,7 +240,7 @@ def test_interpolation_does_not_depend_on_the_order_of_tracks(tracks, random):
 
 
 def test_a_row_on_the_last_grid_point_is_kept():
-    """9 frames a second: the times are not exact in binary, the grid must not lose its end."""
+    """9 frames per second: the times are not exact in binary, the grid must not lose its end."""
     for first in range(50):
         found = interpolate(track(1, T0 + (first + np.arange(0, 28)) / 9, np.arange(28)), 1.0)
         np.testing.assert_allclose(found.x, [0, 9, 18, 27], atol=1e-4)
@@ -231,15 +290,8 @@ def test_backward_differences_of_steady_walking(n, direction, pace):
 
 
 def clean(write, content, part=None, **changes):
-    dataset = {
-        "reader": "delimited",
-        "timezone": "UTC",
-        "columns": {"t": 0, "track_id": 1, "x": 2, "y": 3},
-        "time_step_s": 1.0,
-        "cleaning": ["single_row", "gap_over_5s"],
-        **changes,
-    }
-    return clean_recording(write(content), dataset, {"day": "1970-01-01", "part": part})
+    form = FileFormat(**{"columns": Columns(t=0, track_id=1, x=2, y=3), **changes})
+    return clean_recording(write(content), form, Recording(day="1970-01-01", part=part))
 
 
 MIXED = "0,1,0,0\n1,1,1,0\n2,1,2,0\n0,2,5,5\n0,3,0,0\n9,3,1,1\n-5,4,0,0\n0,4,x,0\n0.5,5,0,0\n2,5,3,0\n0,6,0,0\n"
@@ -259,19 +311,19 @@ def test_the_account_of_a_recording(write):
 
 
 def test_rules_count_in_the_order_of_the_dataset_file(write):
-    _, account = clean(write, MIXED, cleaning=[{"min_points": {"points": 3}}, "single_row", "gap_over_5s"])
+    _, account = clean(write, MIXED, cleaning=({"min_points": {"points": 3}}, "single_row", "gap_over_5s"))
     assert account["tracks"]["dropped"] == {"min_points": 4}
 
 
 def test_file_velocities_are_kept_and_positions_not_interpolated(write):
-    columns = {"t": 0, "track_id": 1, "x": 2, "y": 3, "speed": 4, "heading": 5}
+    columns = Columns(t=0, track_id=1, x=2, y=3, speed=4, heading=5)
     tracks, _ = clean(write, "0.2,1,0,0,7,1\n1.9,1,1,0,8,2\n", columns=columns)
     assert (tracks.t.tolist(), tracks.speed.tolist()) == ([0.2, 1.9], [7.0, 8.0])
 
 
 def test_rules_that_leave_nothing_name_the_file_and_what_they_dropped(write):
     with pytest.raises(DataError, match=r"recording\.csv: cleaning left no track.*min_points.*`cleaning`"):
-        clean(write, MIXED, cleaning=[{"min_points": {"points": 50}}])
+        clean(write, MIXED, cleaning=({"min_points": {"points": 50}},))
 
 
 # --- the validation part of a recording ---------------------------------------------------------------------
@@ -285,7 +337,7 @@ def day(starts):
 @given(st.lists(st.floats(0, 40_000), min_size=1, max_size=40), st.integers(0, 5))
 def test_tracks_are_held_out_by_the_half_hour_they_begin_in(starts, seed):
     """About 15 % of the half-hours with people, at least one, with everyone who comes in them."""
-    held = held_out(day(starts), seed)
+    held = in_validation_blocks(day(starts), seed)
     assert held.shape == (len(starts),)
     blocks = [int(start // BLOCK_S) for start in starts]
     out = {block for block, one in zip(blocks, held, strict=True) if one}
@@ -295,14 +347,14 @@ def test_tracks_are_held_out_by_the_half_hour_they_begin_in(starts, seed):
 
 def test_which_half_hours_are_held_out_is_the_seeds_choice():
     tracks = day(np.arange(0, 20 * BLOCK_S, 300.0))
-    held = [held_out(tracks, seed) for seed in (0, 0, 1)]
+    held = [in_validation_blocks(tracks, seed) for seed in (0, 0, 1)]
     np.testing.assert_array_equal(held[0], held[1])
     assert (held[0] != held[2]).any()
     assert {part.mean() for part in held} == {0.15}
 
 
 def test_nobody_is_held_out_of_nothing():
-    assert held_out(empty_tracks()).shape == (0,)
+    assert in_validation_blocks(empty_tracks()).shape == (0,)
 
 
 def hours(number, per_hour=6):
@@ -340,7 +392,7 @@ def test_without_a_part_nobody_is_left_out(write):
 
 def test_a_recording_of_one_half_hour_has_nobody_to_fit():
     """All of it is held out: it is one block."""
-    assert held_out(day([0, 5, 900, 1799])).all()
+    assert in_validation_blocks(day([0, 5, 900, 1799])).all()
 
 
 def test_that_nobody_is_left_to_fit_is_told(write):

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from modlhmp.cleaning import clean_recording
+from modlhmp.file_format import Columns, FileFormat
 from modlhmp.readers import atc, columns, delimited, raw, read_recording
 from modlhmp.storage import DataError
 from modlhmp.study import demo
@@ -348,11 +349,11 @@ def test_a_bad_time_does_not_put_the_rest_out_of_order(folder, t):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
-def test_a_demo_day_is_accounted_to_the_row(folder, load_shipped, recording_named, seed):
+def test_a_demo_day_is_accounted_to_the_row(folder, load_shipped, seed):
     path = folder / "hall" / "atc-20301009.csv"
     planted = demo.write_recording(path, "hall", "2030-10-09", seed, scale=0.4)
     dataset = load_shipped("demo_hall", folder)
-    tracks, account = clean_recording(path, dataset, recording_named(dataset, "atc-20301009"))
+    tracks, account = clean_recording(path, dataset, dataset.recording("atc-20301009"))
     dropped = dict(account["rows"]["dropped"])
     assert account["rows"]["read"] == planted["rows"]
     assert account["rows"]["kept"] == account["rows_written"] == len(tracks.t)
@@ -455,16 +456,10 @@ def test_a_missing_column_is_named_with_those_there_are(folder):
         read(saved(folder, "\n".join([HEADER, *CLEAN])), layout)
 
 
-def test_start_clock_and_day_of_a_recording(folder, load_shipped):
+def test_start_clock_and_day_of_a_recording(folder):
     """Seconds since a start clock become unix times; the day is the place's own, changes of the clock and all."""
-    dataset = {
-        "reader": "delimited",
-        "timezone": "Europe/London",
-        "columns": {"t": 0, "track_id": 1, "x": 2, "y": 3},
-        "time_step_s": 1.0,
-    }
+    form = FileFormat(timezone="Europe/London", columns=Columns(t=0, track_id=1, x=2, y=3))
     path = saved(folder, "0,1,0,0\n57599,1,1,0\n57600,1,2,0\n")
-    recording = {"day": "2010-10-31", "start": "08:00"}  # winter time since 02:00
-    tracks, account = read_recording(path, dataset, recording)
+    tracks, account = read_recording(path, form, "2010-10-31", "08:00")  # winter time since 02:00
     assert tracks.t.tolist() == [1_288_512_000.0, 1_288_512_000.0 + 57_599]
     assert account.dropped_rows == {"outside_day": 1}

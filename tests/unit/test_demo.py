@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from modlhmp.study import demo
+from modlhmp.study.demo import sites
 
 SEED = 3
 HALL_DAY = next(r.day for r in demo.RECORDINGS if (r.site, r.split) == ("hall", "test"))
@@ -153,8 +154,8 @@ def test_hall_defects_are_as_reported(hall):
 
 def test_hall_covers_its_hours_and_stays_inside(hall_rows):
     hours = (hall_rows[:, 0] / 3600 + 9) % 24
-    assert sorted(set(hours.astype(int))) == list(demo.SITES["hall"].hours) == list(range(9, 21))
-    x_min, x_max, y_min, y_max = demo.SITES["hall"].extent
+    assert sorted(set(hours.astype(int))) == list(sites.SITES["hall"].hours) == list(range(9, 21))
+    x_min, x_max, y_min, y_max = sites.SITES["hall"].extent
     x, y = hall_rows[:, 2:4].T / 1000
     assert ((x > x_min) & (x < x_max) & (y > y_min) & (y < y_max)).all()
     assert distance_to_routes("hall", np.column_stack([x, y])[::10]).max() < 3.5, "people keep to the corridors"
@@ -225,7 +226,7 @@ def test_forum_defects_are_as_reported(forum):
 
 def test_forum_covers_its_hours_and_has_long_tracks(forum):
     tracks = parse_forum(forum[1]).values()
-    assert {8 + first // (9 * 3600) for _, first, _, _ in tracks} == set(demo.SITES["forum"].hours)
+    assert {8 + first // (9 * 3600) for _, first, _, _ in tracks} == set(sites.SITES["forum"].hours)
     assert max(last for _, _, last, _ in tracks) < 8 * 3600 * 9
     long = sum(last - first >= 24 * 9 for _, first, last, _ in tracks)
     assert long > 0.1 * len(tracks)
@@ -234,7 +235,7 @@ def test_forum_covers_its_hours_and_has_long_tracks(forum):
 def distance_to_routes(site, xy):
     """Distance [m] of points [n, 2] to the nearest route."""
     nearest = np.full(len(xy), np.inf)
-    for route in demo.SITES[site].routes:
+    for route in sites.SITES[site].routes:
         points = np.array(route.points)
         for start, step in zip(points, np.diff(points, axis=0), strict=False):
             along = np.clip((xy - start) @ step / (step @ step), 0, 1)
@@ -242,22 +243,22 @@ def distance_to_routes(site, xy):
     return nearest
 
 
-@pytest.mark.parametrize("site", demo.SITES)
+@pytest.mark.parametrize("site", sites.SITES)
 def test_planted_flows_are_well_formed(site):
-    for hour in demo.SITES[site].hours:
-        flows = demo.planted_flows(site, hour)
-        assert {flow.place for flow in flows} == set(demo.SITES[site].places)
-        for place in demo.SITES[site].places:
+    for hour in sites.SITES[site].hours:
+        flows = sites.planted_flows(site, hour)
+        assert {flow.place for flow in flows} == set(sites.SITES[site].places)
+        for place in sites.SITES[site].places:
             assert sum(flow.share for flow in flows if flow.place == place) == pytest.approx(1)
         assert all(-math.pi < flow.heading <= math.pi for flow in flows)
     with pytest.raises(ValueError, match="open at"):
-        demo.planted_flows(site, 3)
+        sites.planted_flows(site, 3)
 
 
 def check_flows(flows, moves, radius):
     """Compare planted flows with rows [n, 5] (x, y, heading, speed, person) within `radius` of their places.
 
-    Each person counts once a direction, and each must follow a documented direction to 0.8 rad.
+    Each person counts once per direction, and each must follow a documented direction to 0.8 rad.
     """
     for place in {flow.place for flow in flows}:
         here = [flow for flow in flows if flow.place == place]
@@ -282,7 +283,7 @@ def test_hall_flows_are_there(hall_rows, hour):
     entered = {track[0, 1] for track in split_tracks(hall_rows) if int(track[0, 0] / 3600 + 9) % 24 == hour}
     rows = rows[np.isin(rows[:, 1], list(entered))]
     moves = np.column_stack([rows[:, 2:4] / 1000, rows[:, 6], rows[:, 5] / 1000, rows[:, 1]])
-    check_flows(demo.planted_flows("hall", hour), moves, 3.0)
+    check_flows(sites.planted_flows("hall", hour), moves, 3.0)
 
 
 @pytest.mark.parametrize("hour", [12, 9, 15])
@@ -297,12 +298,12 @@ def test_forum_flows_are_there(forum, hour):
         middle = ordered[4:-5, :2] * 0.0247
         heading, speed = np.arctan2(step[:, 1], step[:, 0]), np.hypot(step[:, 0], step[:, 1]) / step[:, 2]
         moves.append(np.column_stack([middle, heading, speed, np.full(len(step), track)]))
-    check_flows(demo.planted_flows("forum", hour), np.concatenate(moves), 1.1)
+    check_flows(sites.planted_flows("forum", hour), np.concatenate(moves), 1.1)
 
 
 def test_flows_change_over_the_day():
     share = {
-        hour: next(f.share for f in demo.planted_flows("hall", hour) if f.place == "south" and f.heading == 0)
+        hour: next(f.share for f in sites.planted_flows("hall", hour) if f.place == "south" and f.heading == 0)
         for hour in (9, 20)
     }
     assert share[9] > 0.7

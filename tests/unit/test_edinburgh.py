@@ -1,11 +1,13 @@
 """The Edinburgh forum's two forms: raw text, and days of every 4th frame as rows."""
 
+import dataclasses
 from functools import partial
 
 import numpy as np
 import pytest
 
 from modlhmp.cleaning import clean_recording
+from modlhmp.file_format import Recording
 from modlhmp.readers import edinburgh, raw
 from modlhmp.storage import DataError
 from modlhmp.study import demo
@@ -213,7 +215,7 @@ def test_the_rules_on_made_up_tracks(write, load_shipped):
     planted = {**KEPT, **{number: t for tracks in DROPPED.values() for number, t in tracks.items()}}
     path = write(text_of(planted), "tracks.01Jul.txt")
     dataset = load_shipped("edinburgh", path.parent)
-    tracks, account = clean_recording(path, dataset, {"day": "2010-07-01", "start": "09:00"})
+    tracks, account = clean_recording(path, dataset, Recording(day="2010-07-01", start="09:00"))
     assert np.unique(tracks.track_id).tolist() == list(KEPT)
     assert account["tracks"]["dropped"] == {reason: len(found) for reason, found in DROPPED.items()}
     assert account["rows"]["dropped"] == {r: sum(map(len, found.values())) for r, found in DROPPED.items()}
@@ -223,8 +225,8 @@ def test_the_rules_on_made_up_tracks(write, load_shipped):
 def test_clean_tracks_stand_on_a_grid_of_seconds(write, load_shipped):
     """Frames 1/9 s apart become rows 1 s apart, from the track's first frame; headings follow y downwards."""
     path = write(text_of({1: straight((20, 330), (20 + 45 * 12, 330 + 45 * 3), 46, first=45)}), "tracks.01Jul.txt")
-    dataset = {**load_shipped("edinburgh", path.parent), "cleaning": []}
-    tracks, account = clean_recording(path, dataset, {"day": "2010-07-01", "start": "09:00"})
+    dataset = dataclasses.replace(load_shipped("edinburgh", path.parent), cleaning=())
+    tracks, account = clean_recording(path, dataset, Recording(day="2010-07-01", start="09:00"))
     nine = 1_277_971_200.0  # 08:00 UTC, summer time
     np.testing.assert_allclose(tracks.t, nine + 5 + np.arange(6), atol=1e-6)
     np.testing.assert_allclose(tracks.x / SCALE, 20 + 108 * np.arange(6), atol=1e-3)
@@ -236,11 +238,11 @@ def test_clean_tracks_stand_on_a_grid_of_seconds(write, load_shipped):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_demo_day_is_accounted_to_the_row(tmp_path, load_shipped, recording_named, seed):
+def test_a_demo_day_is_accounted_to_the_row(tmp_path, load_shipped, seed):
     path = tmp_path / "forum" / "tracks.04Nov.txt"
     planted = demo.write_recording(path, "forum", "2030-11-04", seed, scale=0.4)
     dataset = load_shipped("demo_forum", tmp_path)
-    _, account = clean_recording(path, dataset, recording_named(dataset, "tracks.04Nov"))
+    _, account = clean_recording(path, dataset, dataset.recording("tracks.04Nov"))
     assert account["rows"]["read"] == planted["rows"]
     assert account["tracks"]["read"] == planted["tracks"]
     assert account["rows"]["dropped"]["frame_not_increasing"] == planted["frame_order_rows"]
@@ -255,13 +257,13 @@ def test_a_demo_day_is_accounted_to_the_row(tmp_path, load_shipped, recording_na
 # --- real recordings ----------------------------------------------------------------------------------------
 
 
-def day_rows(real_data, load_shipped, recording_named, name):
+def day_rows(real_data, load_shipped, name):
     """A day of rows: its clean ids, and (Tracks, Account) as read."""
     dataset = load_shipped("edinburgh_25days", real_data)
-    recording = recording_named(dataset, name)
-    if not recording["exists"]:
-        pytest.skip(f"{recording['path']} is not there")
-    clean, account = clean_recording(recording["path"], dataset, recording)
+    recording = dataset.recording(name)
+    if not recording.exists:
+        pytest.skip(f"{recording.path} is not there")
+    clean, account = clean_recording(recording.path, dataset, recording)
     return clean, account
 
 
@@ -271,13 +273,13 @@ def raw_day(real_data, load_shipped, file, month_day):
     if not path.is_file():
         pytest.skip(f"{path} is not there")
     dataset = load_shipped("edinburgh", real_data)
-    return clean_recording(path, dataset, {"day": f"2010-{month_day}", "start": "09:00"})
+    return clean_recording(path, dataset, Recording(day=f"2010-{month_day}", start="09:00"))
 
 
 @pytest.mark.real
-def test_the_rules_keep_the_authors_tracks_of_1_july(real_data, load_shipped, recording_named):
+def test_the_rules_keep_the_authors_tracks_of_1_july(real_data, load_shipped):
     raw_tracks, account = raw_day(real_data, load_shipped, "tracks.01Jul.txt", "07-01")
-    day, _ = day_rows(real_data, load_shipped, recording_named, "0701")
+    day, _ = day_rows(real_data, load_shipped, "0701")
     assert account["tracks"]["read"] == 1262
     ours, authors = set(raw_tracks.track_id.tolist()), set(day.track_id.tolist())
     assert len(authors) == 1142
@@ -307,8 +309,8 @@ def test_both_forms_of_1_july_agree(real_data):
 
 
 @pytest.mark.real
-def test_1_july_as_rows_is_accounted_for(real_data, load_shipped, recording_named):
-    _, account = day_rows(real_data, load_shipped, recording_named, "0701")
+def test_1_july_as_rows_is_accounted_for(real_data, load_shipped):
+    _, account = day_rows(real_data, load_shipped, "0701")
     assert account["tracks"] == {"read": 1142, "kept": 1142, "dropped": {}}
     assert account["rows"]["dropped"] == {}
 

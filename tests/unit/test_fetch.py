@@ -251,7 +251,7 @@ def test_refusal_is_final(server, path, pauses):
 
 @pytest.mark.parametrize("url", ["day.csv", "http://127.0.0.1/a day.csv"])
 def test_unusable_address(path, pauses, url):
-    with pytest.raises(DataError, match="no usable address"):
+    with pytest.raises(DataError, match="not a usable address"):
         fetch(url, path)
     assert (pauses, files(path)) == ([], [])
 

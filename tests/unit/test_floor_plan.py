@@ -1,5 +1,7 @@
 """Floor plans: map_server's conventions by hand, the demo's plan against its people, bad files."""
 
+import sys
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -7,7 +9,8 @@ from PIL import Image
 from modlhmp.floor_plan import FREE, OCCUPIED, UNKNOWN, FloorPlan, load_floor_plan, occupied_depth, value_at
 from modlhmp.readers import read_recording
 from modlhmp.storage import DataError
-from modlhmp.study.demo import RECORDINGS, write_floor_plan, write_recording
+from modlhmp.study.demo import RECORDINGS, write_recording
+from modlhmp.study.demo.hall import write_floor_plan
 
 YAML = (
     "image: plan.pgm\nresolution: 0.5\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -65,7 +68,7 @@ def test_nobody_of_the_demo_walks_into_a_wall(tmp_path, load_shipped):
     made = RECORDINGS[0]
     write_recording(tmp_path / made.file, made.site, made.day, seed=1, scale=0.2)
     dataset = load_shipped("demo_hall", tmp_path)
-    tracks, _account = read_recording(tmp_path / made.file, dataset, dataset["recordings"][0])
+    tracks, _account = read_recording(tmp_path / made.file, dataset, made.day)
     inside = (np.abs(tracks.x) < 36) & (np.abs(tracks.y) < 15)  # not the absurd rows
     assert inside.mean() > 0.99
     assert (value_at(plan, plan.cells, tracks.x, tracks.y)[inside] == FREE).mean() > 0.9999
@@ -92,6 +95,13 @@ def test_a_bad_plan_is_named(tmp_path, text, message):
     with pytest.raises(DataError, match=message) as error:
         plan_of(tmp_path, [[0]], text)
     assert "plan.yaml" in str(error.value)
+
+
+def test_without_pillow_the_extra_is_named(tmp_path, monkeypatch):
+    """The library alone has no Pillow; a plan then says what to install."""
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    with pytest.raises(DataError, match=r'plan\.yaml: .*pip install "modlhmp\[plans\]"'):
+        load_floor_plan(tmp_path / "plan.yaml")
 
 
 def test_the_real_plan(real_data):

@@ -1,27 +1,39 @@
 """Studies: the fixed sample of tracks, variants that differ by the parameter alone, maps from fewer tracks."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from modlhmp.forecasting import forecast_recording, make_forecaster
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.kinds import BUILT_IN, find
 from modlhmp.maps import cliff, episodes, snippets
-from modlhmp.scoring import score_recording
-from modlhmp.study import studies
-from modlhmp.settings import THINNED
+from modlhmp.methods import Method, make_forecaster
+from modlhmp.options import (
+    CliffBuilding,
+    Episodes,
+    ExitBuilding,
+    NoBuilding,
+    RollOut,
+    SnippetBuilding,
+    Snippets,
+)
+from modlhmp.scoring.recording import score_recording
+from modlhmp.site import PaperProtocol, Site
 from modlhmp.storage import write_parquet
+from modlhmp.study import studies
 from modlhmp.study.studies import sample_tracks, vary, vary_training
 from modlhmp.tracks import Tracks
 
-DATASET = {"name": "hall", "observed_rows": 4, "horizon_s": 8.0, "time_step_s": 1.0, "timezone": "UTC",
-           "velocity": "columns", "paper_protocol": {"idle_filter": None},
-           "difference_weights": [0.48, 0.33, 0.19]}  # fmt: skip
-OPTIONS = {
-    "k": 3, "beta": 1.0, "sampling_radius_m": 1.0, "speed": "constant", "velocity": "columns", "output": "ranked",
-    "exits": False,
-}  # fmt: skip
-METHOD = {"name": "cliff", "kind": "cliff", "options": OPTIONS}
+SITE = Site(
+    observed_rows=4, horizon_s=8.0, time_step_s=1.0, timezone="UTC", velocity="as_recorded",
+    paper_protocol=PaperProtocol(idle_filter=None), difference_weights=(0.48, 0.33, 0.19),
+)  # fmt: skip
+OPTIONS = RollOut(
+    k=3, beta=1.0, sampling_radius_m=1.0, speed="constant", velocity="dataset", output="ranked", exits=False
+)
+METHOD = Method(name="cliff", kind="cliff", options=OPTIONS)
 
 
 def people(first, number, rows=16):
@@ -43,18 +55,18 @@ def map_path(tmp_path):
 
 def test_all_tracks_if_they_are_few():
     days = {"a": people(1, 20), "b": people(50, 30)}
-    assert sample_tracks(days, DATASET, 50) is days
+    assert sample_tracks(days, "hall", SITE, 50) is days
 
 
 def test_a_sample_is_fixed_and_fair():
     """About the wanted number; the same tracks whatever the order of days or of tracks; whole tracks only."""
     days = {"a": people(1, 400), "b": people(500, 600)}
-    sample = sample_tracks(days, DATASET, 250)
+    sample = sample_tracks(days, "hall", SITE, 250)
     ids = {name: set(tracks.track_id.tolist()) for name, tracks in sample.items()}
     assert sum(map(len, ids.values())) == 250
     assert 60 < len(ids["a"]) < 140  # 100 expected of the 400
     turned = {"b": days["b"].take(np.argsort(-days["b"].track_id, kind="stable")), "a": days["a"]}
-    again = sample_tracks(turned, DATASET, 250)
+    again = sample_tracks(turned, "hall", SITE, 250)
     assert {name: set(tracks.track_id.tolist()) for name, tracks in again.items()} == ids
     assert all((np.diff(tracks.bounds()) == 16).all() for tracks in sample.values())
 
@@ -62,10 +74,10 @@ def test_a_sample_is_fixed_and_fair():
 def test_the_default_value_gives_the_main_run_s_errors(map_path):
     """Same random numbers, same forecasts: the study's row at the default is the table's."""
     day = people(1, 40)
-    variants = dict(vary("beta", [0.1, 1.0], METHOD, {"day": day}, DATASET, map_path, [0, 1]))
-    forecaster = make_forecaster("cliff", OPTIONS, DATASET, map_path)
-    forecasts = forecast_recording(day, forecaster, DATASET, ("hall", "cliff", "day"), 3, [0, 1])
-    main = score_recording(day, forecasts, "day", DATASET)
+    variants = dict(vary("beta", [0.1, 1.0], METHOD, {"day": day}, "hall", SITE, map_path, [0, 1]))
+    forecaster = make_forecaster("cliff", OPTIONS, SITE, map_path)
+    forecasts = forecast_recording(day, forecaster, SITE, ("hall", "cliff", "day"), 3, [0, 1])
+    main = score_recording(day, forecasts, "day", SITE)
     for name in ("ade", "fde"):
         default, other, ours = (np.stack(table[name].to_numpy()) for table in (variants[1.0], variants[0.1], main))
         np.testing.assert_array_equal(default, ours)
@@ -74,42 +86,53 @@ def test_the_default_value_gives_the_main_run_s_errors(map_path):
 
 def test_a_larger_radius_keeps_more_walkers_on_the_map(map_path):
     """The parameter reaches the map: with r_s = 3 m nobody is lost who was not with 0.5 m."""
-    variants = dict(vary("sampling_radius_m", [0.5, 3.0], METHOD, {"day": people(1, 40)}, DATASET, map_path, [0]))
+    days = {"day": people(1, 40)}
+    variants = dict(vary("sampling_radius_m", [0.5, 3.0], METHOD, days, "hall", SITE, map_path, [0]))
     scored = {value: table["scored_steps"].to_numpy().sum() for value, table in variants.items()}
     assert scored[3.0] > scored[0.5]
 
 
 # --- less training data -------------------------------------------------------------------------------------
 
-UNLIKE = {"heading_m": 8.0, "speed_m": 6.0, "change_m": 2.0, "hour_m": 0.0, "pace": 1.0, "exclude_s": 0}
+UNLIKE = {"heading_m": 8.0, "speed_m": 6.0, "change_m": 2.0, "hour_m": 0.0, "pace": 1.0, "exclude_s": 0.0}
 THREE = [
     METHOD,
-    {"name": "replay", "kind": "episodes", "options": {"k": 5, "reach_m": 10.0, **UNLIKE}},
-    {
-        "name": "chain",
-        "kind": "snippets",
-        "options": {"k": 8, "length_s": 3.0, "most": 9, "kernel_m": 1.2, "exits": True, **UNLIKE},
-    },
+    Method(name="replay", kind="episodes", options=Episodes(k=5, reach_m=10.0, **UNLIKE)),
+    Method(
+        name="chain",
+        kind="snippets",
+        options=Snippets(k=8, length_s=3.0, most=9, bandwidth_m=1.2, exits=True, **UNLIKE),
+    ),
 ]
-MAPS = {
-    "cliff": {"resolution_m": 1.0, "radius_m": 1.0, "min_observations": 5, "bandwidth": "isotropic"},
-    "snippets": {"cell_m": 1.0, "length_s": 4.0, "most": 20},
-    "exits": {"cell_m": 1.0},
+BUILDINGS = {
+    "cliff": CliffBuilding(resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth="isotropic"),
+    "episodes": NoBuilding(),
+    "snippets": SnippetBuilding(cell_m=1.0, length_s=4.0, most=20),
+    "exits": ExitBuilding(cell_m=1.0),
 }
 
 
 def trained(shares, methods=THREE, training=None, day=None, seeds=(0, 1)):
     """{(share, method): errors} of maps from these shares."""
     training, day = people(1000, 60) if training is None else training, people(1, 25) if day is None else day
-    found = vary_training(shares, methods, training, {"day": day}, DATASET, MAPS, list(seeds))
+    kinds = {"exits", *(method.kind for method in methods)}
+    buildings = {kind: building for kind, building in BUILDINGS.items() if kind in kinds}
+    drawn = {method.name: find(method.kind).seeds(seeds) for method in methods}
+    found = vary_training(shares, methods, training, {"day": day}, "hall", SITE, buildings, drawn)
     return {(share, name): errors for share, name, errors in found}
 
 
 @pytest.fixture
 def built(monkeypatch):
     """The tracks from which the episode map of each share is built, in their order."""
-    seen, build = [], studies.BUILDERS["episodes"]
-    monkeypatch.setitem(studies.BUILDERS, "episodes", lambda tracks, *rest: seen.append(tracks) or build(tracks, *rest))
+    seen, build = [], studies.build_map
+
+    def build_and_note(kind, tracks, *rest):
+        if kind == "episodes":
+            seen.append(tracks)
+        return build(kind, tracks, *rest)
+
+    monkeypatch.setattr(studies, "build_map", build_and_note)
     return seen
 
 
@@ -117,24 +140,24 @@ def test_all_of_the_tracks_give_the_main_run_s_errors(tmp_path):
     """A share of 1 is the map itself: same random numbers, same errors, for every kind."""
     whole, day = people(1000, 60), people(1, 25)
     tables = {
-        "cliff": cliff.build(whole, **MAPS["cliff"]),
-        "episodes": episodes.build(whole, 1.0),
-        "snippets": snippets.build(whole, 1.0, past=3, **MAPS["snippets"]),
+        "cliff": cliff.build(whole, SITE, BUILDINGS["cliff"]),
+        "episodes": episodes.build(whole, SITE),
+        "snippets": snippets.build(whole, SITE, BUILDINGS["snippets"]),
     }
     study = trained([1.0], training=whole, day=day)
     for method in THREE:
-        name, kind, options = method.values()
+        name, kind, options = method.name, method.kind, method.options
         write_parquet(tables[kind], tmp_path / f"{kind}.parquet")
-        forecaster = make_forecaster(kind, options, DATASET, tmp_path / f"{kind}.parquet")
+        forecaster = make_forecaster(kind, options, SITE, tmp_path / f"{kind}.parquet")
         drawn = [0] if kind == "episodes" else [0, 1]
-        forecasts = forecast_recording(day, forecaster, DATASET, ("hall", name, "day"), options["k"], drawn)
-        assert study[1.0, name].equals(score_recording(day, forecasts, "day", DATASET))
+        forecasts = forecast_recording(day, forecaster, SITE, ("hall", name, "day"), options.k, drawn)
+        assert study[1.0, name].equals(score_recording(day, forecasts, "day", SITE))
 
 
 def test_the_ways_out_are_those_of_the_same_share():
     """A method that samples its map may use them: fewer of its particles are still there."""
-    out = {**METHOD, "name": "out", "options": {**OPTIONS, "exits": True, "output": "geometric_median", "k": 20}}
-    stay = {**out, "name": "stay", "options": {**out["options"], "exits": False}}
+    out = Method(name="out", kind="cliff", options=replace(OPTIONS, exits=True, output="geometric_median", k=20))
+    stay = replace(out, name="stay", options=replace(out.options, exits=False))
     found = trained([0.5], [out, stay])
     ends = {name: np.stack(found[0.5, name]["fde"].to_numpy())[:, -1] for name in ("out", "stay")}
     assert np.isfinite(ends["out"]).any()
@@ -143,7 +166,7 @@ def test_the_ways_out_are_those_of_the_same_share():
 
 def test_every_share_and_method_comes_once_with_its_seeds():
     found = trained([0.2, 1.0])
-    assert list(found) == [(share, method["name"]) for share in (0.2, 1.0) for method in THREE]
+    assert list(found) == [(share, method.name) for share in (0.2, 1.0) for method in THREE]
     for (_, name), errors in found.items():
         assert set(errors["seed"].to_pylist()) == ({0} if name == "replay" else {0, 1})
         assert set(errors["track_id"].to_pylist()) == set(range(1, 26))
@@ -169,7 +192,7 @@ def test_fewer_tracks_forecast_differently():
     """The share reaches every kind of map."""
     found = trained([0.1, 1.0])
     for method in THREE:
-        few, all_ = (np.stack(found[share, method["name"]]["fde"].to_numpy()) for share in (0.1, 1.0))
+        few, all_ = (np.stack(found[share, method.name]["fde"].to_numpy()) for share in (0.1, 1.0))
         assert not np.array_equal(few, all_, equal_nan=True)
 
 
@@ -182,6 +205,7 @@ def test_a_share_of_nobody_still_has_errors():
         assert (complete["scored_steps"] == complete["eligible_steps"]).all()
 
 
-def test_the_configuration_accepts_what_can_be_thinned():
-    """Its check and the study know the same kinds."""
-    assert set(THINNED) == set(studies.BUILDERS) - {"exits"}
+def test_every_kind_that_says_so_can_be_built_from_a_share():
+    """The configuration asks the kind's record: what is tried above are all that it lets through."""
+    assert {kind.name for kind in BUILT_IN if kind.from_share} == set(BUILDINGS)
+    assert {name for name in BUILDINGS if find(name).forecasts} == {method.kind for method in THREE}

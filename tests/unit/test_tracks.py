@@ -1,17 +1,15 @@
-"""The track table: angles, clocks, bounds, files."""
+"""The track table: clocks, bounds, files."""
 
-import math
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta, timezone
 from zoneinfo import ZoneInfo
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from modlhmp.angles import circular_difference, wrap_angle
 from modlhmp.storage import DataError, read_metadata, write_parquet
 from modlhmp.tracks import (
     COLUMNS,
@@ -24,72 +22,11 @@ from modlhmp.tracks import (
     write_tracks,
 )
 
-ANGLES = st.floats(-1000, 1000)
-
-
-def turn_between(a, b):
-    """Angle between two directions [rad], >= 0, by complex numbers."""
-    return abs(np.angle(np.exp(1j * (np.asarray(a) - np.asarray(b)))))
-
 
 def some_tracks(ids, seed=0):
     rng = np.random.default_rng(seed)
     n = len(ids)
     return Tracks(np.array(ids, np.int64), 1.3e9 + np.arange(n), *rng.normal(size=(3, n)), rng.uniform(-3, 3, n))
-
-
-# --- angles -------------------------------------------------------------------------------------------------
-
-
-@given(ANGLES)
-@example(math.pi)
-@example(-math.pi)
-@example(math.nextafter(math.pi, 4))
-@example(math.nextafter(-math.pi, -4))
-@example(math.nextafter(3 * math.pi, 10))
-@example(-0.0)
-def test_wrapped_angles_lie_above_minus_pi_up_to_pi(angle):
-    assert -math.pi < wrap_angle(angle) <= math.pi
-
-
-@given(ANGLES)
-def test_wrapping_keeps_the_direction(angle):
-    assert turn_between(wrap_angle(angle), angle) < 1e-9
-
-
-@given(st.floats(-3.14, 3.14))
-def test_wrapping_leaves_wrapped_angles_alone(angle):
-    assert wrap_angle(angle) == pytest.approx(angle, abs=1e-15)
-
-
-@pytest.mark.parametrize("turns", [-3, -1, 1, 3, 5])
-def test_half_turns_become_plus_pi(turns):
-    assert wrap_angle(turns * math.pi) == pytest.approx(math.pi, abs=1e-12)
-
-
-def test_wrapping_keeps_nan_and_shape():
-    angles = np.array([[0.5, np.nan], [7.0, -7.0]])
-    wrapped = wrap_angle(angles)
-    assert wrapped.shape == (2, 2)
-    assert np.isnan(wrapped).tolist() == [[False, True], [False, False]]
-
-
-@given(st.floats(-4, 4), st.floats(-4, 4))
-@example(math.pi, -math.pi)
-@example(-math.pi, math.pi)
-@example(0.0, math.pi)
-@example(math.pi, 0.0)
-@example(-3.0, 3.0)
-def test_circular_difference_is_the_smallest_turn(a, b):
-    difference = circular_difference(a, b)
-    assert -math.pi < difference <= math.pi
-    assert abs(difference) == pytest.approx(turn_between(a, b), abs=1e-9)
-    assert turn_between(b + difference, a) < 1e-9
-
-
-def test_circular_difference_across_the_border():
-    assert circular_difference(-3.0, 3.0) == pytest.approx(2 * math.pi - 6)
-    assert circular_difference(3.0, -3.0) == pytest.approx(6 - 2 * math.pi)
 
 
 # --- clocks -------------------------------------------------------------------------------------------------
@@ -121,7 +58,7 @@ def test_clock_agrees_with_datetime(zone, times):
 
 @pytest.mark.parametrize(("zone", "day"), CHANGES)
 def test_clock_follows_a_change_of_summer_time(zone, day):
-    midnight = datetime.fromisoformat(day).replace(tzinfo=UTC)
+    midnight = datetime.fromisoformat(day).replace(tzinfo=timezone.utc)
     times = (midnight - timedelta(hours=14)).timestamp() + np.arange(0, 40 * 3600, 60.0)
     hours, offsets = expected_clock(times, zone)
     assert len(set(offsets)) == 2, "the day has no change: the test is wrong"

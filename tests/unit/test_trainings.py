@@ -1,21 +1,27 @@
 """Table and figure of the networks' trainings, from made-up curves."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import learning_curves, trainings
+from modlhmp.study.layout import Layout
 
-DATASETS = [{"name": "hall", "title": "Hall", "demo": False}, {"name": "forum", "title": "Forum", "demo": True}]
+DATASETS = [
+    Dataset(name="hall", title="Hall", label="hall", reader="atc"),
+    Dataset(name="forum", title="Forum", label="forum", reader="atc", demo=True),
+]
 METHODS = {"lstm": "LSTM", "tutr": "TUTR"}
 
 
 @pytest.fixture
-def files(tmp_path):
-    """The JSON files of four trainings; the validation error falls by 0.1 m an epoch from 5 m."""
-    paths = []
+def layout(tmp_path):
+    """Where the JSON files of four trainings lie; the validation error falls by 0.1 m per epoch from 5 m."""
+    layout = Layout("models", str(tmp_path))  # a name that its own paths hold as well
     for dataset in DATASETS:
         for method in METHODS:
             curve = [
@@ -33,16 +39,15 @@ def files(tmp_path):
                 "validation_tracks": 10, "epochs": 10, "planned_epochs": 20, "best_epoch": 10, "validation_ade_m": 4.0,
                 "minutes": 2.5, "device": "cpu", "threads": 1,
             }  # fmt: skip
-            path = tmp_path / dataset["name"] / "models" / f"{method}.json"
+            path = Path(layout.training(dataset.name, method))
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(json.dumps(one))
-            paths.append(str(path))
-    return paths
+    return layout
 
 
-def test_every_training_is_a_row(files, tmp_path):
+def test_every_training_is_a_row(layout, tmp_path):
     """Epochs run of those planned, parameters, and how much the error still changed."""
-    trainings.write_models(trainings.read_trainings(files), DATASETS, METHODS, str(tmp_path / "tab_models"))
+    trainings.draw(layout, DATASETS, str(tmp_path / "tab_models"), METHODS)
     table = pd.read_csv(tmp_path / "tab_models.csv", dtype=str)
     assert table["dataset"].tolist() == ["Hall", "Hall", "Forum", "Forum"]
     assert set(table["parameters"]) == {"199,487"}
@@ -58,9 +63,9 @@ def test_a_short_training_has_no_late_change():
     assert trainings.late_change([{"validation_ade_m": 1.0}] * 5) == 0.0
 
 
-def test_curves_are_drawn_with_their_numbers(files, tmp_path):
-    """One row of the CSV an epoch and training; times, which differ from run to run, are not among them."""
-    learning_curves.draw(trainings.read_trainings(files), DATASETS, METHODS, str(tmp_path / "learning-curves"))
+def test_curves_are_drawn_with_their_numbers(layout, tmp_path):
+    """One row of the CSV per epoch and training; times, which differ from run to run, are not among them."""
+    learning_curves.draw(layout, DATASETS, str(tmp_path / "learning-curves"), METHODS)
     numbers = pd.read_csv(tmp_path / "learning-curves.csv")
     assert len(numbers) == 40
     assert "seconds" not in numbers

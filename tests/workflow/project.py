@@ -1,12 +1,37 @@
 """A copy of the workflow in a temporary folder, and Snakemake run in it as a user would."""
 
+import json
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 ROOT = Path(__file__).parents[2]
+
+
+class Job(NamedTuple):
+    """A job that is planned: its rule and wildcards, the modules of its code, the numbers of the jobs it needs."""
+
+    rule: str
+    wildcards: dict[str, str]
+    modules: frozenset[str]
+    needs: list[int]
+
+
+def rerun_after(jobs, module):
+    """Numbers of the jobs whose code depends on a module, and of all behind them."""
+    found = {number for number, job in enumerate(jobs) if module in job.modules}
+    while more := {n for n, job in enumerate(jobs) if n not in found and found & set(job.needs)}:
+        found |= more
+    return found
+
+
+def planned(output):
+    """Jobs of each rule in a dry run's table."""
+    lines = output.split("Job stats:")[-1].split("total")[0].splitlines()[3:] if "Job stats:" in output else []
+    return {line.split()[0]: int(line.split()[1]) for line in lines if line.strip()}
 
 
 class Project:
@@ -21,9 +46,18 @@ class Project:
 
     def snakemake(self, *arguments, fails=False, **environment):
         """Run Snakemake here; returns everything it printed."""
+        return self._run(["-m", "snakemake", *map(str, arguments)], fails, environment)
+
+    def jobs(self, *arguments):
+        """Every job of a run, without a dry run's look at what is there: `Job`s."""
+        printed = self._run([ROOT / "tests/workflow/job_graph.py", *arguments], False, {})
+        listed = json.loads(next(line for line in printed.splitlines() if line.startswith("[[")))
+        return [Job(rule, wildcards, frozenset(modules), needs) for rule, wildcards, modules, needs in listed]
+
+    def _run(self, command, fails, environment):
         inherited = {key: value for key, value in os.environ.items() if key != "MODLHMP_DATA"}
         done = subprocess.run(
-            [sys.executable, "-m", "snakemake", *map(str, arguments)],
+            [sys.executable, *command],
             cwd=self.folder,
             env={**inherited, **environment},
             stdout=subprocess.PIPE,

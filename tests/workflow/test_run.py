@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
-from project import ROOT, Project
+from project import ROOT, Project, planned
 
-from modlhmp.forecasting import STORED, read_forecasts
+from modlhmp.forecasting.files import STORED, read_forecasts
 from modlhmp.storage import read_metadata
 from modlhmp.study.exhibits import style
 from modlhmp.study.summary import COLUMNS, OUTPUTS
@@ -48,12 +48,6 @@ def exhibits(tables, figures):
 
 
 EXHIBITS = exhibits(TABLES, FIGURES)
-
-
-def planned(output):
-    """Rules of a dry run's job table."""
-    lines = output.split("Job stats:")[-1].split("total")[0].splitlines()[3:] if "Job stats:" in output else []
-    return {line.split()[0] for line in lines if line.strip()}
 
 
 def test_every_exhibit_is_there(tiny_run):
@@ -137,7 +131,7 @@ def test_the_ladder_s_errors_are_the_table_s(tiny_run):
         results.groupby(["dataset", "method"])["output"].transform(lambda o: min(o, key=ranks.get)) == results["output"]
     ]
     both = ladder.merge(main, on=["dataset", "protocol", "horizon_s", "method"], suffixes=("", "_table"))
-    assert set(ladder["method"]) - set(both["method"]) == {"position_free", "tc_clean", "neural_map"}
+    assert set(ladder["method"]) - set(both["method"]) == {"tc_clean", "neural_map"}
     np.testing.assert_allclose(both["ade_m"], both["ade_m_table"], rtol=1e-4)
     np.testing.assert_allclose(both["fde_m"], both["fde_m_table"], rtol=1e-4)
     np.testing.assert_array_equal(both["eligible"], both["eligible_table"])
@@ -212,15 +206,25 @@ def test_a_second_run_does_nothing(tiny_run):
 
 
 def test_one_core_gives_the_same_bits(tiny_run, project):
-    """Results do not depend on cores or on the order of jobs."""
+    """Results do not depend on cores or on the order of jobs: maps, of hours too, all kinds of forecasters, scores."""
     shutil.copytree(tiny_run.folder / "resources", project.folder / "resources")
-    project.snakemake("--cores", 1, *TINY)
-    for name in ("results.csv", "tab_ttests.csv", "atc_final.csv", "learning-curves.csv"):
-        ours, theirs = (p.folder / "paper_figures/tiny" / name for p in (tiny_run, project))
-        assert ours.read_bytes() == theirs.read_bytes(), name
-    for file in (tiny_run.folder / "results/tiny").rglob("*.parquet"):
-        other = project.folder / file.relative_to(tiny_run.folder)
-        assert file.read_bytes() == other.read_bytes(), file
+    wanted = [f"errors/{method}.parquet" for method in ("tc_cliff", "snippets", "lstm")]
+    wanted += ["maps/exits.parquet", "uncertainty/episodes.parquet"]
+    files = [f"results/tiny/demo_hall/{name}" for name in wanted]
+    project.snakemake("--cores", 1, *TINY, "--", *files)
+    made = [file.relative_to(project.folder) for file in (project.folder / "results/tiny").rglob("*.parquet")]
+    assert {str(file) for file in made} >= set(files)
+    for part in (
+        "tracks/",
+        "maps/tc_cliff/",
+        "maps/snippets",
+        "maps/episodes",
+        "forecasts/lstm/",
+        "forecasts/snippets/",
+    ):
+        assert any(f"demo_hall/{part}" in str(file) for file in made), part
+    for file in made:
+        assert (project.folder / file).read_bytes() == (tiny_run.folder / file).read_bytes(), file
 
 
 def test_report_holds_the_exhibits(tiny_run):
@@ -242,80 +246,35 @@ def test_report_holds_the_exhibits(tiny_run):
     assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=.https?:", report)
 
 
-@pytest.mark.parametrize(
-    ("module", "rules"),
-    [
-        ("scoring/ttests.py", {"compare_methods", "table_ttests", "table_claims", "all"}),
-        ("study/exhibits/stef_hours.py", {"figure_stef_hours", "figure_mod_comparison", "all"}),
-        ("study/claims.py", {"table_claims", "all"}),
-        ("study/exhibits/tables.py", {"table_parameters", "table_results", "table_ttests", "all"}),
-        ("study/reliability.py", {"table_uncertainty", "figure_calibration", "all"}),
-        ("study/exhibits/density_maps.py", {"figure_density", "all"}),
-        (
-            "study/studies.py",
-            {"study_parameter", "figure_parameters", "study_training", "figure_training", "table_claims", "all"},
-        ),
-        ("study/ladder.py", {"climb_ladder", "table_ladder", "figure_ladder", "all"}),
-        ("study/exhibits/ladder_figure.py", {"figure_ladder", "all"}),
-        ("study/exhibits/ladder_table.py", {"table_ladder", "all"}),
-        ("study/exhibits/memory_maps.py", {"figure_memory_maps", "all"}),
-        ("study/exhibits/training_share.py", {"figure_training", "all"}),
-        ("study/runtime.py", {"measure_costs", "table_ladder", "all"}),  # its study is a target of its own
-        ("logs.py", set()),  # how jobs report
-    ],
-)
-def test_an_edit_reruns_exactly_what_depends_on_it(tiny_run, tmp_path, module, rules):
-    """A module's edit is seen by the rules whose result depends on it and by those behind them, and by no others."""
-    assert edited(tiny_run, tmp_path, module) == rules
-
-
-def test_an_edit_of_a_map_s_code_remakes_that_map(tiny_run, tmp_path):
-    """And what was made with it, but neither recordings nor the other map."""
-    rules = edited(tiny_run, tmp_path, "maps/mean_shift.py")
-    assert {"build_cliff", "build_tc_cliff", "forecast_method", "figure_cliff_hours", "table_claims"} <= rules
-    assert not {"clean_recording", "build_stef", "figure_stef_hours", "table_parameters"} & rules
-
-
-def test_an_edit_of_a_network_trains_that_network_alone(tiny_run, tmp_path):
-    """And redoes what stands on its forecasts; MID has Trajectron++'s encoder, so an edit of that is one of both."""
-    rules = edited(tiny_run, tmp_path, "networks/tutr.py")
-    assert {"train_tutr", "forecast_with_network", "score_method", "table_models", "table_results"} <= rules
-    trained = {rule for rule in rules if rule.startswith("train_")}
-    assert trained == {"train_tutr"}
-    assert not {"forecast_method", "build_cliff", "study_parameter", "clean_recording"} & rules
-    both = edited(tiny_run, tmp_path / "again", "networks/trajectronpp.py")
-    assert {rule for rule in both if rule.startswith("train_")} == {"train_trajectronpp", "train_mid"}
-
-
 def edited(tiny_run, tmp_path, module):
-    """Rules that a dry run plans after an edit of a module."""
+    """Jobs of each rule that a dry run plans after an edit of a module."""
     shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
     with (tmp_path / "src/modlhmp" / module).open("a") as file:
         file.write("\n# an edit\n")
     return planned(tiny_run.snakemake("-n", *TINY, PYTHONPATH=str(tmp_path / "src")))
 
 
-def test_a_style_line_changes_all_figures(tiny_run, tmp_path):
-    """Every rule that draws depends on the one style module, and nothing else does."""
-    shutil.copytree(ROOT / "src", tmp_path / "src", ignore=shutil.ignore_patterns("__pycache__"))
-    style_file = tmp_path / "src/modlhmp/study/exhibits/style.py"
-    style_file.write_text(style_file.read_text().replace('"lines.linewidth": 1.0', '"lines.linewidth": 1.2'))
-    rules = planned(tiny_run.snakemake("-n", *TINY, PYTHONPATH=str(tmp_path / "src")))
-    drawing = {
-        rule
-        for file in (ROOT / "workflow/rules").glob("*.smk")
-        for rule in re.findall(r"^rule (figure_\w+):", file.read_text(), re.MULTILINE)
-    } - {"figure_runtime"}  # a target of its own
-    assert len(drawing) >= 10
-    assert rules == {*drawing, "all"}
+def test_an_edit_of_the_tests_code_compares_again(tiny_run, tmp_path):
+    """Nothing else; `test_reruns` asks for the others without a dry run each."""
+    rules = {"compare_methods": 2, "table_ttests": 1, "table_claims": 1, "all": 1}
+    assert edited(tiny_run, tmp_path, "scoring/ttests.py") == rules
+
+
+def test_an_edit_of_a_forecaster_forecasts_its_kind_again(tiny_run, tmp_path):
+    """Of the chain of snippets: two datasets' snippets, their scores, and what stands on them."""
+    rules = edited(tiny_run, tmp_path, "forecasting/chain.py")
+    of_snippets = ("forecast_method", "score_method", "measure_uncertainty", "study_training", "measure_costs")
+    assert {rule: rules.get(rule) for rule in of_snippets} == dict.fromkeys(of_snippets, 2)
+    known = {"compare_methods", "climb_ladder", "summarise_results", "all"}
+    assert not [rule for rule in rules.keys() - {*of_snippets, *known} if not rule.startswith(("table_", "figure_"))]
 
 
 def test_a_changed_option_reruns_what_reads_it(tiny_run):
-    """Forecasts read beta , maps do not."""
+    """Forecasts of sampled maps read beta; maps, the others' forecasts and networks do not."""
     (tiny_run.folder / "beta.yaml").write_text("rollout: {beta: 2.0}\n")
     rules = planned(tiny_run.snakemake("-n", "--configfile", "config/tiny.yaml", "beta.yaml"))
-    assert "forecast_method" in rules
-    assert not {"build_cliff", "clean_recording"} & rules
+    assert rules["forecast_method"] == 2 * len(("cliff", "tc_cliff", "stef", "tc_clean"))
+    assert not [rule for rule in rules if rule.startswith(("build_", "train_", "clean_", "forecast_with"))]
 
 
 @pytest.mark.full

@@ -1,14 +1,16 @@
 """Rule average_forecasts."""
 
-from pathlib import Path
-
-from modlhmp.forecasting import average_forecasts, read_forecasts, write_forecasts
+from modlhmp.forecasting.average import average_forecasts
+from modlhmp.forecasting.files import read_forecasts, write_forecasts
 from modlhmp.logs import job_log
 from modlhmp.storage import provenance
+from modlhmp.study.layout import Layout
 
 with job_log(snakemake.log[0]):
-    for recording in snakemake.params.recordings:
-        files = [Path(folder) / f"{recording}.parquet" for folder in snakemake.input]
+    params, names = snakemake.params, snakemake.wildcards
+    layout = Layout(params.run)
+    for recording in params.recordings:
+        files = [layout.forecast(names.dataset, member, recording) for member in params.members]
         forecasts = average_forecasts([read_forecasts(file) for file in files])
-        origin = provenance({**snakemake.wildcards, "recording": recording}, dict(snakemake.params), files)
-        write_forecasts(Path(snakemake.output[0]) / f"{recording}.parquet", forecasts, **origin)
+        origin = provenance({**names, "recording": recording}, dict(params), files)
+        write_forecasts(layout.forecast(names.dataset, names.method, recording), forecasts, **origin)

@@ -1,23 +1,30 @@
-"""Rule forecast_method."""
+"""Rules forecast_method and forecast_with_network."""
 
-from pathlib import Path
-
-from modlhmp.forecasting import STORED, forecast_recording, make_forecaster, seeds_of, write_forecasts
+from modlhmp.forecasting.files import STORED, write_forecasts
+from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.logs import job_log
+from modlhmp.methods import Method, make_forecaster
+from modlhmp.settings import build
+from modlhmp.site import Site
 from modlhmp.storage import provenance
+from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
-    kind, options = params.method["kind"], params.method["options"]
-    forecaster = make_forecaster(kind, options, params.dataset, files.get("map"), files.get("exits"))
-    seeds = seeds_of(kind, params.seeds)
-    made_of = [file for file in (files.get("map"), files.get("exits")) if file]
-    for recording, file in zip(params.recordings, files.tracks, strict=True):
+    layout, method, site = Layout(params.run), Method.of(params.method), build(Site, params.dataset)
+    learned = method.learning is not None
+    path, exits = files.get("weights") or files.get("map"), files.get("exits")
+    device = method.learning.device if learned else "auto"
+    forecaster = make_forecaster(method.kind, method.options, site, path, exits, device, snakemake.threads)
+    made_of = [files.summary] if learned else [file for file in (path, exits) if file]
+    for recording, others in params.recordings.items():
+        own, *rest = [layout.tracks(names.dataset, name) for name in (recording, *others)]
         key = (names.dataset, names.method, recording)
         forecasts = forecast_recording(
-            read_tracks(file), forecaster, params.dataset, key, options.get("k", 1), seeds, keep=1 + STORED
-        )
-        origin = provenance({**names, "recording": recording}, dict(params), [file, *made_of])
-        write_forecasts(Path(snakemake.output[0]) / f"{recording}.parquet", forecasts, **origin)
+            read_tracks(own), forecaster, site, key, method.futures, params.seeds,
+            map(read_tracks, rest) if learned else None, 1 + STORED,
+        )  # fmt: skip
+        origin = provenance({**names, "recording": recording}, dict(params), [own, *rest, *made_of])
+        write_forecasts(layout.forecast(names.dataset, names.method, recording), forecasts, **origin)
         log.info("%s: forecast", recording)

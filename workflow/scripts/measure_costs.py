@@ -1,32 +1,29 @@
 """Rule measure_costs."""
 
 import json
-from pathlib import Path
 
-from modlhmp.forecasting import make_forecaster
+from modlhmp.kinds import find
 from modlhmp.logs import job_log
-from modlhmp.maps import KINDS, map_path
-from modlhmp.networks import KINDS as LEARNED_KINDS
+from modlhmp.methods import Method, make_forecaster
+from modlhmp.settings import build
+from modlhmp.site import Site
 from modlhmp.storage import write_text
-from modlhmp.study.runtime import milliseconds_a_track, some_tracks
+from modlhmp.study.layout import Layout
+from modlhmp.study.runtime import milliseconds_per_track, some_tracks
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
-    params, costs = snakemake.params, {}
-    tracks = some_tracks(map(read_tracks, snakemake.input.tracks), params.dataset)
-    maps = Path(snakemake.input.exits).parent
-    weights = {Path(file).stem: file for file in snakemake.input.weights}
-    for name, method in params.methods.items():
-        if method["kind"] in LEARNED_KINDS:
-            from modlhmp.networks.forecaster import network_forecaster
-
-            learned = {**method["learned"], "threads": 1}
-            forecaster = network_forecaster(weights[name], method["kind"], method["options"], params.dataset, learned)
-        else:
-            path = map_path(maps, method["kind"]) if method["kind"] in KINDS else None
-            forecaster = make_forecaster(method["kind"], method["options"], params.dataset, path, snakemake.input.exits)
-        costs[name] = milliseconds_a_track(forecaster, tracks, params.dataset, method["options"].get("k", 1))
-        log.info("%s: %.3g ms a track", name, costs[name])
+    params, dataset, costs = snakemake.params, snakemake.wildcards.dataset, {}
+    layout, site = Layout(params.run), build(Site, params.dataset)
+    tracks = some_tracks(map(read_tracks, snakemake.input.tracks), site)
+    for method in map(Method.of, params.methods):
+        kind, device = find(method.kind), "auto"
+        path = layout.map(dataset, kind.name) if kind.has_map else None
+        if kind.learned:
+            path, device = layout.weights(dataset, method.name), method.learning.device
+        forecaster = make_forecaster(method.kind, method.options, site, path, snakemake.input.exits, device)
+        costs[method.name] = milliseconds_per_track(forecaster, tracks, dataset, site, method.futures)
+        log.info("%s: %.3g ms per track", method.name, costs[method.name])
     for name, parts in params.averages.items():
         costs[name] = sum(costs[part] for part in parts)
     write_text(snakemake.output[0], json.dumps(costs, indent=1))

@@ -1,31 +1,33 @@
 """Rule score_method."""
 
-from pathlib import Path
-
 from modlhmp.floor_plan import load_floor_plan
-from modlhmp.forecasting import read_forecasts
+from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log, progress
-from modlhmp.scoring import score_recording
+from modlhmp.scoring.recording import score_recording
+from modlhmp.settings import build
+from modlhmp.site import Site
 from modlhmp.storage import DataError, provenance, write_pieces
+from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks
 
 
-def scored(files, params, dataset, log):
+def scored(files, params, names, log):
     """Errors of one recording after the other; `DataError` if there are none at all."""
+    layout, site = Layout(params.run), build(Site, params.dataset)
     plan, rows = load_floor_plan(files.floor_plan[0]) if files.floor_plan else None, 0
-    for name, tracks in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
-        forecasts = read_forecasts(Path(files.forecasts) / f"{name}.parquet")
-        errors = score_recording(read_tracks(tracks), forecasts, name, params.dataset, plan)
+    for recording, tracks in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
+        forecasts = read_forecasts(layout.forecast(names.dataset, names.method, recording))
+        errors = score_recording(read_tracks(tracks), forecasts, recording, site, plan)
         rows += errors.num_rows
         if errors.num_rows:
             yield errors
     if not rows:
-        needed = params.dataset["observed_rows"] + 1
-        raise DataError(f"{dataset}: no test track has {needed} rows without a gap over 5 s to score")
+        needed = site.observed_rows + 1
+        raise DataError(f"{names.dataset}: no test track has {needed} rows without a gap over 5 s to score")
     log.info("%d rows of errors", rows)
 
 
 with job_log(snakemake.log[0]) as log:
-    errors = scored(snakemake.input, snakemake.params, snakemake.wildcards.dataset, log)
+    errors = scored(snakemake.input, snakemake.params, snakemake.wildcards, log)
     origin = provenance(dict(snakemake.wildcards), dict(snakemake.params), snakemake.input)
     write_pieces(errors, snakemake.output[0], **origin)

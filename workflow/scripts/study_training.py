@@ -1,20 +1,25 @@
 """Rule study_training."""
 
-from pathlib import Path
-
+from modlhmp.kinds import find
 from modlhmp.logs import job_log
+from modlhmp.methods import Method
+from modlhmp.settings import build
+from modlhmp.site import Site
 from modlhmp.storage import provenance, write_parquet
+from modlhmp.study.layout import Layout
 from modlhmp.study.studies import sample_tracks, vary_training
 from modlhmp.tracks import read_tracks, together
 
 with job_log(snakemake.log[0]) as log:
-    params = snakemake.params
-    recordings = {name: read_tracks(f) for name, f in zip(params.recordings, snakemake.input.tracks, strict=True)}
-    recordings = sample_tracks(recordings, params.dataset, params.max_tracks)
+    params, dataset = snakemake.params, snakemake.wildcards.dataset
+    layout, site, methods = Layout(params.run), build(Site, params.dataset), [Method.of(one) for one in params.methods]
+    recordings = {name: read_tracks(layout.tracks(dataset, name)) for name in params.recordings}
+    recordings = sample_tracks(recordings, dataset, site, params.max_tracks)
     training = together(map(read_tracks, snakemake.input.training))
+    buildings = {kind: build(find(kind).building, plain) for kind, plain in params.buildings.items()}
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
     for share, method, errors in vary_training(
-        params.shares, params.methods, training, recordings, params.dataset, params.maps, params.seeds
+        params.shares, methods, training, recordings, dataset, site, buildings, params.seeds
     ):
         log.info("%s, %g of the training tracks: %d rows of errors", method, share, errors.num_rows)
-        write_parquet(errors, Path(snakemake.output[0]) / method / f"{share:g}.parquet", **origin)
+        write_parquet(errors, layout.training_share(dataset, method, share), **origin)

@@ -3,27 +3,34 @@
 import json
 from pathlib import Path
 
+from modlhmp.kinds import find
 from modlhmp.logs import job_log
+from modlhmp.methods import Method
 from modlhmp.networks.data import day_of
 from modlhmp.networks.training import save_network, train
+from modlhmp.settings import build
+from modlhmp.site import Site
 from modlhmp.storage import provenance, write_text
+from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
-    method, dataset = snakemake.params.method, snakemake.params.dataset
-    tracks = {Path(file).stem: read_tracks(file) for file in snakemake.input.tracks}
+    params, method, site = snakemake.params, Method.of(snakemake.params.method), build(Site, snakemake.params.dataset)
+    kind = find(method.kind)
+    layout, dataset = Layout(params.run), snakemake.wildcards.dataset
+    names = {name for own, others in params.days.items() for name in (own, *others)}
+    tracks = {name: read_tracks(layout.tracks(dataset, name)) for name in sorted(names)}
     days = [
-        day_of(tracks[name], [tracks[other] for other in others], dataset["observed_rows"], dataset["timezone"])
-        for name, others in snakemake.params.days.items()
+        day_of(tracks[name], [tracks[other] for other in others], site.observed_rows, site.timezone)
+        for name, others in params.days.items()
     ]
     weights = Path(snakemake.output.weights)
-    learned = {**method["learned"], "threads": snakemake.threads, "code": snakemake.params.code}
     checkpoint = weights.with_suffix(".checkpoint")
-    network, curve, summary = train(method["kind"], method["options"], days, dataset, learned, checkpoint, log)
-    save_network(weights, method["kind"], method["options"], dataset, network)
-    origin = provenance(
-        {**dict(snakemake.wildcards), "method": snakemake.params.name}, dict(snakemake.params), snakemake.input
+    network, curve, summary = train(
+        kind, method.options, days, site, method.learning, checkpoint, log, snakemake.threads, params.code
     )
-    content = {**summary, "budget": method["learned"]["budget"], "curve": curve, "origin": origin}
+    save_network(weights, kind, method.options, site, network)
+    origin = provenance({**snakemake.wildcards, "method": method.name}, dict(params), snakemake.input)
+    content = {**summary, "budget": method.learning.budget, "curve": curve, "origin": origin}
     write_text(snakemake.output.summary, json.dumps(content, indent=1))
     checkpoint.unlink()

@@ -1,14 +1,15 @@
-"""What every forecaster takes and gives, and the random numbers they share.
+"""What every forecaster takes and gives.
 
 A forecaster is a function or object called as
 
     forecast(observed, steps, keys) -> Forecast
 
 with `observed` an `observe.Observed` of n tracks, `steps` the number of time steps to the longest horizon, and `keys`
-[n, k] the random streams of the k futures (`stream_keys`). It never learns how long a track is.
+[n, k] the random streams of the k futures (`streams.stream_keys`). It never learns how long a track is.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,10 @@ class Forecast(NamedTuple):
     steps_alive: np.ndarray
     output: str
 
-    def first(self, number):
+    def first(self, number: int | None) -> "Forecast":
         """The first `number` of the futures."""
-        return Forecast(*(part[:, :number] for part in self[:3]), self.output)
+        xy, log_fitness, steps_alive = (part[:, :number] for part in self[:3])
+        return Forecast(xy, log_fitness, steps_alive, self.output)
+
+
+Forecaster = Callable[[Any, int, np.ndarray], Forecast]  # (observed, steps, keys), see above

@@ -8,13 +8,16 @@ CLiFF-LHMP with real velocities instead of a mixture's, conditioned on heading a
 
 import numpy as np
 
-from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import fill_medians
-from modlhmp.forecasting.observe import observed_steps, polar
-from modlhmp.forecasting.replay import between, hold, paced
+from modlhmp.forecasting.observe import Observed, observed_steps, polar
+from modlhmp.forecasting.paths import between, hold, paced
 from modlhmp.kernels import kernel
 from modlhmp.maps.pieces import HEADINGS, PARTS, SLOW_M_S, features, vector_mean
+from modlhmp.maps.snippets import SnippetMap
+from modlhmp.options import Snippets
+from modlhmp.site import Site
 from modlhmp.streams import uniform
 from modlhmp.tracks import clock_time
 
@@ -30,10 +33,26 @@ RINGS = (1, 3)  # cells around a particle that are looked at: the second only if
 MOST_BINS = (2 * RINGS[-1] + 1) ** 2 * (HEADINGS + 1)
 
 
-def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=0.0):
-    """Forecast with a `SnippetMap`; returns a `Forecast`, its first future the median, then one a key.
+def forecaster(mod: SnippetMap, site: Site, options: Snippets) -> Forecaster:
+    """The forecaster of a snippet flow map (contract: `kinds.Kind`)."""
+    return lambda observed, steps, keys: chain(
+        mod, observed, steps, keys, options.bandwidth_m, options.pace, options.exits, options.exclude_s
+    )
 
-    A snippet is drawn with probability proportional to exp(-d^2 / (2 `kernel_m`^2)), d being how unlike it and the
+
+def chain(
+    mod: SnippetMap,
+    observed: Observed,
+    steps: int,
+    keys: np.ndarray,
+    bandwidth_m: float,
+    pace: float = 1.0,
+    exits: bool = True,
+    exclude_s: float = 0.0,
+) -> Forecast:
+    """Forecast with a `SnippetMap`; returns a `Forecast`, its first future the median, then one per key.
+
+    A snippet is drawn with probability proportional to exp(-d^2 / (2 `bandwidth_m`^2)), d being how unlike it and the
     particle are. Without `exits` a particle whose snippet ends in one draws another. Snippets within `exclude_s` of the
     walker's t0 are left out ("no contemporaries"; others up to a minute beyond, since a map knows full minutes only).
     A walker near whom nobody walked this way goes on at constant velocity and counts as not alive from the start.
@@ -43,7 +62,7 @@ def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=
     points, speed = features(here, velocities, mod.weights, mod.metric, clock_time(t0, mod.timezone))
     velocity = polar(vector_mean(velocities, mod.weights))
     walkers = (points, speed, velocity[1], t0 / 60.0)
-    xy, alive = _chain(mod.arrays, keys, *walkers, exclude_s / 60.0, steps, kernel_m, pace, exits)
+    xy, alive = _chain(mod.arrays, keys, *walkers, exclude_s / 60.0, steps, bandwidth_m, pace, exits)
     fill_medians(xy, alive)
     nowhere = alive[:, 0] == 0
     straight = constant_velocity(observed, velocity, steps, mod.step_s)
@@ -52,7 +71,7 @@ def chain(mod, observed, steps, keys, kernel_m, pace=1.0, exits=True, exclude_s=
 
 
 @kernel
-def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, kernel_m, pace, exits):
+def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, bandwidth_m, pace, exits):
     """Futures [n, 1 + k, T, 2] and how many steps each is alive [n, 1 + k], with room for the median as the first.
 
     `mod` are the map's `SnippetArrays`.
@@ -76,7 +95,7 @@ def _chain(mod, keys, points, speeds, headings, minutes, exclude, steps, kernel_
                 number = _bins_around(index, origin, cell, count, point, speed, heading, bins, upto)
                 row, drawn = _draw(
                     starts, count, starting, minute_of, bins, upto, number,
-                    keys[i, j - 1], drawn, point, minutes[i], exclude, kernel_m,
+                    keys[i, j - 1], drawn, point, minutes[i], exclude, bandwidth_m,
                 )  # fmt: skip
                 if row < 0:
                     break
@@ -120,12 +139,12 @@ def _step(path, at, axis):
 
 
 @kernel
-def _draw(starts, count, points, minutes, bins, upto, number, key, drawn, point, minute, exclude, kernel_m):
+def _draw(starts, count, points, minutes, bins, upto, number, key, drawn, point, minute, exclude, bandwidth_m):
     """A snippet for a particle, -1 if there is none around, and the number of random numbers used so far.
 
     It is of the `number` first `bins`; `starts` [b + 1], `count` [b], `points` [m, 8] and `minutes` [m] are the map's.
     """
-    best, nearest, narrow = -1, np.inf, 0.5 / kernel_m**2
+    best, nearest, narrow = -1, np.inf, 0.5 / bandwidth_m**2
     for _ in range(MOST_TRIES if number else 0):
         at, accept = uniform(key, drawn) * upto[number - 1], uniform(key, drawn + 1)
         drawn += 2

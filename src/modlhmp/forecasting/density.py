@@ -4,7 +4,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 
-def density(positions, extent, cell_m, bandwidth_m):
+def density(
+    positions: np.ndarray, extent: tuple[float, float, float, float], cell_m: float, bandwidth_m: float
+) -> np.ndarray:
     """Probability per cell [rows, columns], summing to 1; divide by `cell_m`**2 for a density per m^2.
 
     `positions` [m, 2] in m are those of the samples at that moment, `extent` = (x low, x high, y low, y high) [m] is
@@ -26,10 +28,10 @@ def density(positions, extent, cell_m, bandwidth_m):
     return spread / spread.sum()
 
 
-def level_that_holds(probabilities, share):
+def level_that_holds(probabilities: np.ndarray, share: float) -> float:
     """The probability per cell that the likeliest cells, which together hold `share`, have at least.
 
     Its contour encloses the smallest area in which the person is with this probability.
     """
     ordered = np.sort(probabilities, axis=None)[::-1]
-    return ordered[min(np.searchsorted(np.cumsum(ordered), share), ordered.size - 1)]
+    return ordered[min(int(np.searchsorted(np.cumsum(ordered), share)), ordered.size - 1)]

@@ -14,7 +14,7 @@ TOLERANCE_M = 1e-3
 MOST_ITERATIONS = 50
 
 
-def with_median(forecast):
+def with_median(forecast: Forecast) -> Forecast:
     """The same futures with their median path before them, as a `Forecast` of output `median`.
 
     It is as long alive as the longest-lived of them, and held when none is left (where they start, if none ever was).

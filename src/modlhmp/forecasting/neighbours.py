@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from modlhmp.tracks import MAX_GAP_S, positions_at, runs
+from modlhmp.tracks import MAX_GAP_S, Tracks, positions_at, runs
 
 RADIUS_M = 6.0  # the corner of Social LSTM's grid is 5.7 m away, the other networks look 2 to 3 m far
 MOST = 5
@@ -20,7 +20,7 @@ class Neighbours(NamedTuple):
     xy: np.ndarray
 
 
-def find_neighbours(everyone, own_row, observed_rows=4, step_s=1.0):
+def find_neighbours(everyone: Tracks, own_row: np.ndarray, observed_rows: int = 4, step_s: float = 1.0) -> Neighbours:
     """Neighbours of the walkers whose rows at t0 are `own_row` [n] in `everyone`, the tracks of all who were there.
 
     A person counts whose newest row at t0 is at most about a step old and who then is within `RADIUS_M`. Rows after t0

@@ -1,9 +1,24 @@
-"""Which of the k futures is the forecast? Paper Sec. III-C: the one with the largest cumulative log fitness."""
+"""Which of the k futures is the forecast? Paper Sec. III-C: the one with the largest cumulative log fitness.
+
+Fitness adds up over steps alive, so only futures that have lived equally long compare. Under the complete protocol,
+which leaves no track out, those that have lived longest up to the horizon stand first (`longest_lived`), among them the
+fittest (`most_likely`), ties in the order of the futures. `rank_order` puts all of them in that order: its first is
+`most_likely(log_fitness, longest_lived(steps_alive, T))` at its horizon. The paper protocol chooses by `most_likely`
+among those that are alive at the horizon.
+"""
 
 import numpy as np
 
+from modlhmp.forecasting.base import Forecast
 
-def most_likely(log_fitness, candidates):
+
+def longest_lived(steps_alive: np.ndarray, steps: int) -> np.ndarray:
+    """Which of the futures [n, k] have lived longest at each of `steps` horizons, bool [n, k, T]."""
+    lived = _lived(steps_alive[:, :, None], np.arange(1, steps + 1))
+    return lived == lived.max(axis=1, keepdims=True)
+
+
+def most_likely(log_fitness: np.ndarray, candidates: np.ndarray) -> np.ndarray:
     """Index [n, T] of the fittest candidate at each horizon, -1 where there is none.
 
     `log_fitness` [n, k, T] is cumulative, so each horizon ranks by its own prefix; `candidates` [n, k, T] says which
@@ -11,3 +26,16 @@ def most_likely(log_fitness, candidates):
     """
     score = np.where(candidates, log_fitness, -np.inf)
     return np.where(candidates.any(axis=1), score.argmax(axis=1), -1)
+
+
+def rank_order(forecast: Forecast, steps: int) -> np.ndarray:
+    """Indices [k] of the futures of one track, best ranked first, at the horizon of `steps` steps.
+
+    `forecast` is without the axis of tracks: `log_fitness` [k, T], `steps_alive` [k].
+    """
+    return np.lexsort((-forecast.log_fitness[:, steps - 1], -_lived(forecast.steps_alive, steps)))
+
+
+def _lived(steps_alive: np.ndarray, horizon: int | np.ndarray) -> np.ndarray:
+    """Steps alive up to a horizon: a long life beyond it does not count."""
+    return np.minimum(steps_alive, horizon)

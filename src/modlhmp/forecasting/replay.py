@@ -6,21 +6,39 @@ is not asked. The result is the geometric median of the nearest of them.
 
 import numpy as np
 
-from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import geometric_median
-from modlhmp.forecasting.observe import observed_steps, polar
+from modlhmp.forecasting.observe import Observed, observed_steps, polar
+from modlhmp.forecasting.paths import between, hold, paced
 from modlhmp.kernels import kernel
+from modlhmp.maps.episodes import EpisodeMap
 from modlhmp.maps.pieces import features, vector_mean
+from modlhmp.options import Episodes
+from modlhmp.site import Site
 from modlhmp.tracks import clock_time
 
-PACED_M_S = 0.2  # a person slower than this has no pace to follow
-PACE_LIMITS = (0.5, 2.0)
 PIECES_A_PERSON = 8  # looked up for each person of the median: several of a person's rows are alike
 SAMPLES_A_PERSON = 4  # replays beside the median: most have left after a minute, and enough are to be left
 
 
-def replay(mod, observed, steps, step_s, k, pace, reach_m, exclude_s=0.0):
+def forecaster(mod: EpisodeMap, site: Site, options: Episodes) -> Forecaster:
+    """The forecaster of an episode map (contract: `kinds.Kind`)."""
+    return lambda observed, steps, keys: replay(
+        mod, observed, steps, site.time_step_s, options.k, options.pace, options.reach_m, options.exclude_s
+    )
+
+
+def replay(
+    mod: EpisodeMap,
+    observed: Observed,
+    steps: int,
+    step_s: float,
+    k: int,
+    pace: float,
+    reach_m: float,
+    exclude_s: float = 0.0,
+) -> Forecast:
     """Forecast with an `EpisodeMap`; returns a `Forecast`: the median of `k` persons, then 4 `k` single replays.
 
     The median at a second is of the `k` nearest persons who are still under way then. The replays are of the nearest
@@ -96,29 +114,3 @@ def _at(path, row, last, rows_on, here, point):
     for axis in range(2):
         point[axis] = here[axis] + between(path, row + rows_on, axis) - path[row, axis]
     return True
-
-
-@kernel
-def between(path, row, axis):
-    """Linear interpolation between the rows of a path [m, 2] at a row number with a fraction."""
-    whole = int(row)
-    part = row - whole
-    if part == 0.0:
-        return np.float64(path[whole, axis])
-    return (1.0 - part) * path[whole, axis] + part * path[whole + 1, axis]
-
-
-@kernel
-def hold(path, step, here):
-    """From `step` on, stay where the path [T, 2] was before it."""
-    for later in range(step, len(path)):
-        for axis in range(2):
-            path[later, axis] = path[step - 1, axis] if step else here[axis]
-
-
-@kernel
-def paced(own, other, exponent):
-    """How many of the other's seconds pass in one of the walker's."""
-    if own <= PACED_M_S or other <= PACED_M_S:
-        return 1.0
-    return min(max((own / other) ** exponent, PACE_LIMITS[0]), PACE_LIMITS[1])

@@ -5,49 +5,86 @@ A MoD is an object with an attribute `draws`, how many random numbers a sample t
     sample(x, y, speed, heading, t, uniforms) -> (speed, heading, log_fitness, found)
 
 vectorised over particles: `x`, `y` [m], `speed` [m/s], `heading` [rad] and `t` [unix s] are arrays of shape [n],
-`uniforms` is [n, draws] in (0, 1). It returns the velocity sampled
-from the map at each position, the log of its fitness for ranking, and whether the map has dynamics there.
-A map that is made of several, each for tracks of its own, has a method `parts` instead. Nothing else of a map is known
-to the rest of the workflow.
+`uniforms` is [n, draws] in (0, 1). It returns the velocity sampled from the map at each position, the log of its
+fitness for ranking, and whether the map has dynamics there. A map that is made of several, each for tracks of its own,
+has a method `parts` instead. Nothing else of a map is known to the rest of the workflow.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
 import numpy as np
+import pyarrow as pa
 
 from modlhmp.storage import DataError, read_parquet
 from modlhmp.tracks import clock_hours
 
 MAX_LATTICE = 1 << 22  # nodes of a map's bounding box: 2 km x 2 km at 1 m
+Sampled = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # speed, heading, log fitness, found; [n] each
 
 
-def parts(mod, t):
+class Mod(Protocol):
+    """A map of dynamics that is sampled, as described above."""
+
+    @property
+    def draws(self) -> int:
+        """Random numbers per sample."""
+
+    def sample(
+        self,
+        x: np.ndarray,
+        y: np.ndarray,
+        speed: np.ndarray,
+        heading: np.ndarray,
+        t: np.ndarray,
+        uniforms: np.ndarray,
+    ) -> Sampled:
+        """Velocities sampled at positions, their log fitness, and whether the map has dynamics there."""
+
+
+def parts(mod: Any, t: np.ndarray) -> Iterable[tuple[Mod, np.ndarray]]:
     """(MoD, rows [m] of `t`) for the map, or each of the hourly maps, that serves tracks with t0 = `t` [n]."""
     return mod.parts(t) if hasattr(mod, "parts") else [(mod, np.arange(len(t)))]
 
 
 class HourlyMod:
-    """Several MoDs, one a clock hour: each track uses the map of its own t0; tracks of other hours have none."""
+    """Several MoDs, one per clock hour: each track uses the map of its own t0; tracks of other hours have none."""
 
-    def __init__(self, by_hour, timezone):
+    def __init__(self, by_hour: Mapping[int, Mod], timezone: str) -> None:
         self.by_hour = by_hour
         self.timezone = timezone
 
-    def parts(self, t):
+    def parts(self, t: np.ndarray) -> list[tuple[Mod, np.ndarray]]:
         """See `parts`."""
         hours = clock_hours(t, self.timezone)
         return [(mod, rows) for hour, mod in self.by_hour.items() if len(rows := np.flatnonzero(hours == hour))]
 
 
-def read_map(path, what, columns, keys=()):
-    """Read the Parquet form of a map; `DataError` that it is not `what` without these columns and metadata keys."""
-    table = read_parquet(path)
+def read_map(
+    source: str | Path | pa.Table,
+    what: str,
+    columns: Iterable[str],
+    keys: Iterable[str] = (),
+    step_s: float | None = None,
+) -> pa.Table:
+    """The table of a map, from its Parquet file or as it was built.
+
+    `DataError` that it is not `what` without these columns and metadata keys, or where its time step is not `step_s`.
+    """
+    table = source if isinstance(source, pa.Table) else read_parquet(source)
+    path = "a map" if isinstance(source, pa.Table) else source
     missing = [f"column {name}" for name in columns if name not in table.column_names]
     missing += [f"metadata {key}" for key in keys if key.encode() not in (table.schema.metadata or {})]
     if missing:
         raise DataError(f"{path}: not {what}, no {', no '.join(missing)}; delete it and run the workflow again")
+    if step_s is not None and float(table.schema.metadata[b"step"]) != step_s:
+        built = float(table.schema.metadata[b"step"])
+        raise DataError(f"{path}: {what} of time steps of {built:g} s cannot be used with steps of {step_s:g} s")
     return table
 
 
-def lattice_index(i, j, origin, shape):
+def lattice_index(i: np.ndarray, j: np.ndarray, origin: Sequence[int], shape: Sequence[int] | np.ndarray) -> np.ndarray:
     """Dense lookup [shape] of lattice nodes (i, j): row of the node's entry, -1 where there is none."""
     check_lattice(len(i), shape)
     index = np.full(shape, -1, np.int64)
@@ -55,7 +92,7 @@ def lattice_index(i, j, origin, shape):
     return index
 
 
-def lattice_box(cells):
+def lattice_box(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First cell [2] and size [2] of the box that holds `cells` [n, 2]; of one cell where there are none."""
     if not len(cells):
         return np.zeros(2, np.int64), np.ones(2, np.int64)
@@ -65,7 +102,7 @@ def lattice_box(cells):
     return origin, size
 
 
-def check_lattice(number, shape):
+def check_lattice(number: int, shape: Sequence[int] | np.ndarray) -> None:
     """Raise `DataError` if `number` locations spread over a box of so many nodes that some must be far away."""
     if np.prod(np.asarray(shape, float)) > MAX_LATTICE:
         raise DataError(

@@ -4,35 +4,44 @@ Paper Sec. III-B.1, Alg. 2; T. Kucner et al., RA-L 2017. The time-conditioned CL
 clock hour (`maps.base.HourlyMod`), Sec. III-B.2.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 
+from modlhmp.angles import TWO_PI, unwrapped, wrapped
 from modlhmp.kernels import kernel
 from modlhmp.logs import progress
 from modlhmp.maps import swgmm
-from modlhmp.maps.base import lattice_index
+from modlhmp.maps.base import Sampled, lattice_index, read_map
 from modlhmp.maps.mean_shift import BANDWIDTHS, mean_shift
-from modlhmp.storage import DataError, column, read_parquet
+from modlhmp.options import CliffBuilding, RollOut
+from modlhmp.site import Site
+from modlhmp.storage import column
+from modlhmp.tracks import Tracks
 
 MIN_CLUSTER = 5  # smaller clusters are merged into the nearest; their data stay
 COLUMNS = (
     "location", "x", "y", "weight", "mean_heading", "mean_speed",
     "var_heading", "cov_heading_speed", "var_speed", "count", "p", "q",
 )  # fmt: skip
+NEEDED = COLUMNS[:-1]  # q is 1 throughout: the sensors see everything, always
 # The mixture's numbers are known to far fewer digits than float32 has.
 TYPES = {"location": np.int32, "count": np.int32, **dict.fromkeys(COLUMNS[3:9], np.float32)}
 
 
-def build(tracks, resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth="isotropic"):
-    """Build a CLiFF-map from the velocities of a track table; returns a `pyarrow.Table`, one row a component.
+def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | None = None) -> pa.Table:
+    """Build a CLiFF-map from the velocities of a track table; returns a `pyarrow.Table`, one row per component.
 
     Locations are the multiples of `resolution_m` that have at least `min_observations` moving observations within
     `radius_m`, the border included. `count` is their number, `p` its ratio to the map's largest, `q` = 1 (the
     sensors see everything, always). An empty table says that there were too few data.
     """
+    building = building or CliffBuilding()
+    resolution_m = building.resolution_m
     moving = np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
     tracks = tracks.take(moving)
-    locations, members = neighbourhoods(tracks.x, tracks.y, resolution_m, radius_m, min_observations)
+    locations, members = neighbourhoods(tracks.x, tracks.y, resolution_m, building.radius_m, building.min_observations)
     rows = []
     for number, (node, mine) in enumerate(
         zip(
@@ -41,10 +50,11 @@ def build(tracks, resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth=
             strict=True,
         )
     ):
-        components = fit_location(tracks.heading[mine], tracks.speed[mine], bandwidth)
+        components = fit_location(tracks.heading[mine], tracks.speed[mine], building.bandwidth)
         head = np.tile([number, *node], (len(components), 1))
         rows.append(np.column_stack([head, components, np.full(len(components), len(mine))]))
     table = np.concatenate(rows) if rows else np.empty((0, 10))
+    # The motion intensity of Sec. III-B.1, counted in observations instead of time.
     p = table[:, 9] / table[:, 9].max() if len(table) else table[:, 9]
     columns = zip(COLUMNS, (*table.T, p, np.ones(len(table))), strict=True)
     return pa.table({name: values.astype(TYPES.get(name, float)) for name, values in columns}).replace_schema_metadata(
@@ -52,7 +62,9 @@ def build(tracks, resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth=
     )
 
 
-def neighbourhoods(x, y, resolution, radius, min_observations):
+def neighbourhoods(
+    x: np.ndarray, y: np.ndarray, resolution: float, radius: float, min_observations: int
+) -> tuple[np.ndarray, list[np.ndarray]]:
     """Lattice nodes [m, 2] with enough observations in their closed ball, and the observations' indices of each."""
     from scipy.spatial import cKDTree  # noqa: PLC0415 - 25 MB and 0.15 s, which only building needs
 
@@ -67,7 +79,7 @@ def neighbourhoods(x, y, resolution, radius, min_observations):
     return nodes[enough], [np.array(mine) for mine in found[enough]]
 
 
-def fit_location(heading, speed, bandwidth="isotropic"):
+def fit_location(heading: np.ndarray, speed: np.ndarray, bandwidth: str = "isotropic") -> np.ndarray:
     """Mixture [J, 6] of one location: mean shift finds the clusters, EM fits them; heaviest component first."""
     labels, _ = mean_shift(heading, speed, BANDWIDTHS[bandwidth](heading, speed))
     components, _ = swgmm.fit(heading, speed, _components_of(heading, speed, _merge_small(heading, speed, labels)))
@@ -87,7 +99,7 @@ def _merge_small(heading, speed, labels):
         centres[row] = swgmm.moments(heading[mine], speed[mine])[:2]
     merged = labels.copy()
     for i in np.flatnonzero(counts[labels] < MIN_CLUSTER):
-        turn = swgmm.unwrapped(heading[i] - centres[:, 0], 0)
+        turn = unwrapped(heading[i] - centres[:, 0], 0)
         merged[i] = large[np.argmin(turn**2 + (speed[i] - centres[:, 1]) ** 2)]
     return merged
 
@@ -104,15 +116,20 @@ def _components_of(heading, speed, labels):
     return components
 
 
+def load(path: str | Path | pa.Table, site: Site, options: RollOut) -> "CliffMap":
+    """Read the Parquet form; `DataError` where it is not one."""
+    return CliffMap(read_map(path, "a CLiFF-map", NEEDED, ("resolution",)), options.sampling_radius_m)
+
+
 class CliffMap:
     """A CLiFF-map ready for sampling (paper Alg. 2); see `maps.base` for the contract of `sample`."""
 
     draws = 3
 
     def __init__(self, table, sampling_radius=1.0):
-        columns = {name: column(table, name) for name in COLUMNS}
+        columns = {name: column(table, name) for name in NEEDED}
         self.radius = float(sampling_radius)
-        self.resolution = float((table.schema.metadata or {}).get(b"resolution", b"1"))
+        self.resolution = float(table.schema.metadata[b"resolution"])
         first = np.flatnonzero(np.diff(columns["location"], prepend=-1))
         self.starts = np.append(first, len(columns["x"]))
         self.x, self.y, self.p = (columns[name][first] for name in ("x", "y", "p"))
@@ -134,29 +151,22 @@ class CliffMap:
         if len(first):
             self.origin = np.array([self.x.min(), self.y.min()])
             node = np.rint((np.column_stack([self.x, self.y]) - self.origin) / self.resolution).astype(np.int64)
-            self.index = lattice_index(*node.T, (0, 0), node.max(0) + 1)
+            self.index = lattice_index(node[:, 0], node[:, 1], (0, 0), node.max(0) + 1)
         else:
             self.origin, self.index = np.zeros(2), np.full((1, 1), -1)
 
-    @classmethod
-    def load(cls, path, sampling_radius=1.0):
-        """Read the Parquet form; `DataError` where it is not one."""
-        table = read_parquet(path)
-        missing = set(COLUMNS) - set(table.column_names)
-        if missing:
-            raise DataError(f"{path}: not a CLiFF-map, no column {', '.join(sorted(missing))}")
-        return cls(table, sampling_radius)
-
-    def locate(self, x, y):
+    def locate(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Row of the location used at each position: the largest p within the radius, -1 where there is none."""
         x, y = np.atleast_1d(x).astype(float), np.atleast_1d(y).astype(float)
         return _locate_many(x, y, self.index, self.origin, self.resolution, self.radius, self.x, self.y, self.p)
 
-    def mixture(self, location):
+    def mixture(self, location: int) -> np.ndarray:
         """Components [J, 6] of a location (row as from `locate`)."""
         return self.components[self.starts[location] : self.starts[location + 1]]
 
-    def sample(self, x, y, speed, heading, t, uniforms):
+    def sample(
+        self, x: np.ndarray, y: np.ndarray, speed: np.ndarray, heading: np.ndarray, t: np.ndarray, uniforms: np.ndarray
+    ) -> Sampled:
         """Draw from the mixture of the busiest location in reach; fitness = its log density at the draw."""
         return _sample(
             x, y, uniforms, self.index, self.origin, self.resolution, self.radius,
@@ -189,14 +199,17 @@ def _locate_many(x, y, index, origin, resolution, radius, loc_x, loc_y, p):
 
 @kernel
 def _sample(x, y, uniforms, index, origin, resolution, radius, loc_x, loc_y, p, starts, components, terms):
+    """Algorithm 2 of the paper, for every particle."""
     n = len(x)
     speed, heading = np.zeros(n), np.zeros(n)
     log_fitness, found = np.zeros(n), np.zeros(n, np.bool_)
     for i in range(n):
+        # Lines 1 and 2: the locations within r_s, and of them the one with the largest motion intensity.
         row = _locate(x[i], y[i], index, origin, resolution, radius, loc_x, loc_y, p)
         if row < 0:
             continue
         found[i] = True
+        # Line 3: a component by its weight, then a velocity of it and its density in the mixture.
         j, rest = starts[row], uniforms[i, 0]
         while j < starts[row + 1] - 1 and rest > components[j, 0]:
             rest -= components[j, 0]
@@ -205,11 +218,11 @@ def _sample(x, y, uniforms, index, origin, resolution, radius, loc_x, loc_y, p, 
         vtr, vrr = components[j, 4], components[j, 5]
         # Box-Muller, then the Cholesky factor of the component's covariance.
         r = np.sqrt(-2.0 * np.log(uniforms[i, 1]))
-        z, w = r * np.cos(swgmm.TWO_PI * uniforms[i, 2]), r * np.sin(swgmm.TWO_PI * uniforms[i, 2])
+        z, w = r * np.cos(TWO_PI * uniforms[i, 2]), r * np.sin(TWO_PI * uniforms[i, 2])
         sd = np.sqrt(vtt)
         theta = mt + sd * z
         rho = mr + vtr / sd * z + np.sqrt(max(vrr - vtr * vtr / vtt, 0.0)) * w
-        heading[i] = np.pi - (np.pi - theta if -np.pi < theta <= np.pi else np.mod(np.pi - theta, swgmm.TWO_PI))
+        heading[i] = wrapped(theta)
         speed[i] = max(rho, 0.0)
         log_fitness[i] = swgmm.log_density_one(heading[i], speed[i], terms, starts[row], starts[row + 1])
     return speed, heading, log_fitness, found

@@ -4,27 +4,38 @@ It answers: who stood about here and walked about like this, and what did they d
 (`forecasting.replay`). The map stores real tracks, so share it as you would share the recording. Not in the paper.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 
 from modlhmp.maps.base import read_map
-from modlhmp.maps.pieces import differences, features, resample
+from modlhmp.maps.pieces import Metric, differences, features, resample
+from modlhmp.options import Episodes, NoBuilding
+from modlhmp.site import Site
 from modlhmp.storage import column
-from modlhmp.tracks import clock_time
+from modlhmp.tracks import Tracks, clock_time
 
 COLUMNS = ("person", "t", "x", "y")
 
 
-def build(tracks, step_s=1.0):
-    """Build an episode map; returns a `pyarrow.Table`, one row a person and time step, sorted by both."""
-    pieces = resample(tracks, step_s)
+def build(tracks: Tracks, site: Site, building: NoBuilding | None = None) -> pa.Table:
+    """Build an episode map; returns a `pyarrow.Table`, one row per person and time step, sorted by both."""
+    pieces = resample(tracks, site.time_step_s)
     return pa.table(
         {
             "person": pieces.person.astype(np.int32),
             "t": pieces.t,
             **{name: part.astype(np.float32) for name, part in zip(("x", "y"), pieces.xy.T, strict=True)},
         }
-    )
+    ).replace_schema_metadata({"step": str(site.time_step_s)})
+
+
+def load(path: str | Path | pa.Table, site: Site, options: Episodes) -> "EpisodeMap":
+    """Read the Parquet form; `DataError` where it is not one, or is of another time step."""
+    table = read_map(path, "an episode map", COLUMNS, ("step",), site.time_step_s)
+    metric, past = Metric.of(options), site.observed_rows - 1
+    return EpisodeMap(table, metric, site.difference_weights, past, site.time_step_s, site.timezone)
 
 
 class EpisodeMap:
@@ -53,12 +64,7 @@ class EpisodeMap:
         )
         self.tree = cKDTree(points)
 
-    @classmethod
-    def load(cls, path, *arguments):
-        """Read the Parquet form; `DataError` where it is not one."""
-        return cls(read_map(path, "an episode map", COLUMNS), *arguments)
-
-    def nearest(self, points, number):
+    def nearest(self, points: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Rows [n, N] most like the `points` [n, 8], nearest first, and how far they are [n, N] in m; N <= `number`."""
         number = min(number, len(self.rows))
         if not number:  # the tree cannot be asked for none

@@ -5,20 +5,27 @@ through a door that the map knows nothing about. Not in the paper.
 """
 
 import copy
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.maps.base import lattice_box, parts, read_map
+from modlhmp.maps.base import Sampled, lattice_box, parts, read_map
 from modlhmp.maps.pieces import cell_and_bin, heading_bin, resample
+from modlhmp.options import ExitBuilding
+from modlhmp.site import Site
 from modlhmp.storage import column
+from modlhmp.tracks import Tracks
 
 PRIOR_ROWS = 10.0  # a bin with fewer rows leans on the rate of the whole map
 COLUMNS = ("i", "j", "bin", "left", "rows")
 
 
-def build(tracks, step_s=1.0, cell_m=1.0):
+def build(tracks: Tracks, site: Site, building: ExitBuilding | None = None) -> pa.Table:
     """Count rows and last rows of tracks by cell and heading bin (`pieces.heading_bin`); returns a `pyarrow.Table`."""
+    step_s, cell_m = site.time_step_s, (building or ExitBuilding()).cell_m
     pieces = resample(tracks, step_s)
     row = np.flatnonzero(pieces.age >= 1)
     bins, which = np.unique(cell_and_bin(pieces, row, cell_m, step_s), axis=0, return_inverse=True)
@@ -29,6 +36,11 @@ def build(tracks, step_s=1.0, cell_m=1.0):
     }
     table = pa.table({**dict(zip(COLUMNS, bins.astype(np.int32).T, strict=False)), **counts})
     return table.replace_schema_metadata({"cell": str(cell_m), "step": str(step_s)})
+
+
+def with_exits(mod: Any, path: str | Path | pa.Table, site: Site) -> "WithExits":
+    """A MoD with the ways out of a file; `DataError` where that is not one, or is of another time step."""
+    return WithExits(mod, read_map(path, "a map of ways out", COLUMNS, ("cell", "step"), site.time_step_s))
 
 
 class WithExits:
@@ -42,15 +54,11 @@ class WithExits:
         rate = left.sum() / max(rows.sum(), 1.0)
         self.origin, size = lattice_box(cells)
         self.probability = np.full((*size, int(bins.max(initial=0)) + 1), rate)
-        self.probability[(*(cells - self.origin).T, bins)] = (left + PRIOR_ROWS * rate) / (rows + PRIOR_ROWS)
+        i, j = (cells - self.origin).T
+        self.probability[i, j, bins] = (left + PRIOR_ROWS * rate) / (rows + PRIOR_ROWS)
         self.elsewhere = rate
 
-    @classmethod
-    def load(cls, mod, path):
-        """Read the Parquet form of the ways out; `DataError` where it is not one."""
-        return cls(mod, read_map(path, "a map of ways out", COLUMNS, ("cell", "step")))
-
-    def parts(self, t):
+    def parts(self, t: np.ndarray) -> Iterator[tuple["WithExits", np.ndarray]]:
         """See `maps.base`: the same ways out for all maps of the MoD."""
         for mod, rows in parts(self.mod, t):
             one = copy.copy(self)
@@ -58,16 +66,18 @@ class WithExits:
             yield one, rows
 
     @property
-    def draws(self):
+    def draws(self) -> int:
         """One more than the MoD's."""
         return self.mod.draws + 1
 
-    def sample(self, x, y, speed, heading, t, uniforms):
+    def sample(
+        self, x: np.ndarray, y: np.ndarray, speed: np.ndarray, heading: np.ndarray, t: np.ndarray, uniforms: np.ndarray
+    ) -> Sampled:
         """See `maps.base`; the last uniform decides whether the particle leaves."""
         *sampled, found = self.mod.sample(x, y, speed, heading, t, uniforms[:, :-1])
         return *sampled, found & (uniforms[:, -1] >= self.leaving(x, y, speed, heading))
 
-    def leaving(self, x, y, speed, heading):
+    def leaving(self, x: np.ndarray, y: np.ndarray, speed: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """Probability [n] to leave within a time step."""
         cell = np.floor(np.column_stack([x, y]) / self.cell).astype(np.int64) - self.origin
         bins = heading_bin(np.column_stack([speed * np.cos(heading), speed * np.sin(heading)]))

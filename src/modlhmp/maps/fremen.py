@@ -1,6 +1,7 @@
 """FreMEn: a signal over time as its mean and its few strongest periodic parts.
 
-T. Krajnik et al., FreMEn: frequency map enhancement for long-term mobile robot autonomy, IEEE T-RO 2017.
+Paper Sec. III-B.3; T. Krajnik et al., FreMEn: frequency map enhancement for long-term mobile robot autonomy, IEEE
+T-RO 2017.
 """
 
 import numpy as np
@@ -9,7 +10,9 @@ PERIODS_S = 86400.0 / np.arange(1, 25)  # a day and its harmonics down to an hou
 CYCLES_NEEDED = 1.5  # a period must fit this often into the time covered
 
 
-def analyse(times, signals, order):
+def analyse(
+    times: np.ndarray, signals: np.ndarray, order: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Strongest `order` periodic parts of each signal.
 
     `times` [T] in s, `signals` [n, T]. Returns mean [n], amplitude [n, order], phase [n, order] in rad, period
@@ -29,6 +32,6 @@ def analyse(times, signals, order):
     return mean, np.abs(chosen), np.angle(chosen), admitted[strongest]
 
 
-def predict(t, mean, amplitude, phase, period):
+def predict(t: float, mean: np.ndarray, amplitude: np.ndarray, phase: np.ndarray, period: np.ndarray) -> np.ndarray:
     """Value at time `t` [s], clipped to [0, 1]: mean + 2 sum_i a_i cos(2 pi t / T_i - phi_i); shape as `mean`."""
     return np.clip(mean + 2.0 * np.sum(amplitude * np.cos(2 * np.pi * t / period - phase), axis=-1), 0.0, 1.0)

@@ -1,15 +1,16 @@
 """Mean shift on the cylinder (heading, speed): where do the velocities of a location gather?
 
-Every observation climbs the kernel density estimate of all of them (D. Comaniciu, P. Meer, PAMI 2002). The data are
-first spread over a fine grid; there the shift vector of every node is a ratio of two convolutions, so the climb
-of each occupied node costs one interpolation a step, whatever the number of observations. Nodes climb heaviest first,
-and only until they come near a mode that an earlier one has reached.
+Every observation climbs the density that all of them make as a sum of Gaussians (D. Comaniciu, P. Meer, PAMI 2002).
+The data are first spread over a fine grid; there the shift vector of every node is a ratio of two convolutions, so the
+climb of each occupied node costs one interpolation per step, whatever the number of observations. Nodes climb heaviest
+first, and only until they come near a mode that an earlier one has reached.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
+from modlhmp.angles import TWO_PI, circular_mean
 from modlhmp.kernels import kernel
 
 NODES_PER_BANDWIDTH = 4.0
@@ -19,7 +20,6 @@ MAX_ITERATIONS = 200
 STOP = 1e-3  # a climb ends when it moves less than this part of the bandwidth
 MERGE = 0.5  # modes closer than this part of the bandwidth are one
 CAPTURE = 0.1  # a climb so near to a mode that is known already ends there
-TWO_PI = 2.0 * np.pi
 
 
 class Grid(NamedTuple):
@@ -36,7 +36,7 @@ class Grid(NamedTuple):
 def mean_shift(heading, speed, bandwidth):
     """Cluster velocities by the mode that each climbs to.
 
-    `heading` [rad] and `speed` [m/s] are [n]; `bandwidth` is the pair of the Gaussian kernel's standard deviations
+    `heading` [rad] and `speed` [m/s] are [n]; `bandwidth` is the pair of the Gaussian's standard deviations
     (rad, m/s). Returns (labels [n], modes [m, 2]), modes ordered by falling number of members.
     """
     if np.ptp(heading) == 0.0 and np.ptp(speed) == 0.0:
@@ -60,7 +60,7 @@ def mean_shift(heading, speed, bandwidth):
 def bandwidth_kucner(heading, speed):
     """The reference CLiFF-map builder's rule: h = (4 s^5 / 3n)^(1/5) for s = -2 ln R and s = var(speed).
 
-    Its h is used as a *variance* of the kernel, so the standard deviations are sqrt(h).
+    Its h is used as a *variance* of the Gaussian, so the standard deviations are sqrt(h).
     """
     n = len(heading)
     length = min(np.hypot(np.cos(heading).mean(), np.sin(heading).mean()), 1.0)
@@ -76,7 +76,7 @@ def bandwidth_isotropic(heading, speed):
     from heading 0, so that its maps change when the frame is rotated; ours do not.
     """
     n = len(heading)
-    turned = heading - np.arctan2(np.sin(heading).mean(), np.cos(heading).mean())
+    turned = heading - circular_mean(heading)
     turned -= TWO_PI * np.rint(turned / TWO_PI)
     s = np.sqrt(sample_variance(np.hypot(turned, speed))) if n > 1 else 1.0
     h = max((4.0 / (3.0 * n)) ** 0.2 * s, 1e-5)
@@ -124,7 +124,7 @@ def _spread(heading, speed, grid):
 def _shift_field(weights, bandwidth, grid):
     """Mean-shift vector in nodes at every node, [turn, speeds, 2]."""
     turn, speeds = weights.shape
-    # Both kernels depend on offsets between nodes only. Sums go by rows of the grid, which lie in a piece.
+    # Both Gaussians depend on offsets between nodes only. Sums run along the rows of the grid, which are contiguous.
     k_speed, m_speed = np.empty(2 * speeds - 1), np.empty(2 * speeds - 1)
     for offset in range(1 - speeds, speeds):
         away = offset * grid.speed_step

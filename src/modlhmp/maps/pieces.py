@@ -1,17 +1,19 @@
 """Pieces of real tracks: what the two maps with memory store, and how alike two ways of walking are.
 
-A piece is a row of a training track brought to the time step, together with what came before and after it. Two walkers
-are alike if they are at nearly the same place, with nearly the same heading, speed and change of velocity; one metric
-in metres says how much (`features`). Not in the paper.
+A piece is a row of a training track, resampled at the time step, together with what came before and after it. Two
+walkers are alike if they are at nearly the same place, with nearly the same heading, speed and change of velocity; one
+metric in metres says how much (`features`). Not in the paper.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from modlhmp.tracks import positions_at, runs, usable_tracks
+from modlhmp.options import Alike
+from modlhmp.tracks import Tracks, positions_at, runs, usable_tracks
 
-HEADINGS = 8  # bins of 45 degrees, and one more for whoever hardly moves
+HEADINGS = 8  # bins of 45 degrees, and one more for people who hardly move
 SLOW_M_S = 0.3  # below this speed a heading means little, at 0 nothing
 PARTS = 8  # numbers by which two ways of walking are compared
 
@@ -37,8 +39,13 @@ class Metric(NamedTuple):
     change_m: float  # change of velocity over the observation, m/s
     hour_m: float = 0.0  # clock time, h
 
+    @classmethod
+    def of(cls, options: Alike) -> "Metric":
+        """That of a method's options."""
+        return cls(*(getattr(options, name) for name in cls._fields))
 
-def resample(tracks, step_s):
+
+def resample(tracks: Tracks, step_s: float) -> Pieces:
     """`Pieces` of every track without a gap over 5 s, linear between its rows."""
     rows = usable_tracks(tracks, 1)
     count = np.floor((tracks.t[rows[:, 1]] - tracks.t[rows[:, 0]]) / step_s + 0.05).astype(np.int64) + 1
@@ -47,7 +54,7 @@ def resample(tracks, step_s):
     return Pieces(person, tracks.t[rows[person, 0]] + age * step_s, xy, np.repeat(np.cumsum(count) - 1, count), age)
 
 
-def differences(xy, number, step_s):
+def differences(xy: np.ndarray, number: int, step_s: float) -> np.ndarray:
     """Velocities [n, number, 2] in m/s of the last `number` steps that end at each row of `xy` [n, 2], newest first.
 
     Only rows with that many rows of the same person before them mean anything.
@@ -56,14 +63,16 @@ def differences(xy, number, step_s):
     return (xy[rows[:, :-1]] - xy[rows[:, 1:]]) / step_s
 
 
-def vector_mean(steps, weights):
+def vector_mean(steps: np.ndarray, weights: Sequence[float]) -> np.ndarray:
     """Current velocity [n, 2] from the last velocities [n, m, 2], newest first: their mean with these weights."""
     used = np.asarray(weights, float)[: steps.shape[1]]
     # Sums by row, not a matrix product: that one's last bit depends on how many rows there are.
     return (steps[:, : len(used)] * (used / used.sum())[:, None]).sum(axis=1)
 
 
-def features(xy, steps, weights, metric, hour):
+def features(
+    xy: np.ndarray, steps: np.ndarray, weights: Sequence[float], metric: Metric, hour: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Points [n, 8] whose distances say how alike walkers are, and the speeds [n] in m/s.
 
     `steps` [n, m, 2] are the last velocities, newest first, `hour` [n] the clock time in h.
@@ -76,14 +85,14 @@ def features(xy, steps, weights, metric, hour):
     return np.column_stack([xy, *scaled, metric.hour_m * hour]), speed
 
 
-def cell_and_bin(pieces, row, cell_m, step_s):
+def cell_and_bin(pieces: Pieces, row: np.ndarray, cell_m: float, step_s: float) -> np.ndarray:
     """Cell (i, j) and heading bin [n, 3] of some rows of `Pieces`, each with a row of its person before it."""
     cell = np.floor(pieces.xy[row] / cell_m).astype(np.int64)
     return np.column_stack([cell, heading_bin(differences(pieces.xy, 1, step_s)[row, 0])])
 
 
-def heading_bin(velocity):
-    """Bin of velocities [n, 2]: 0 around east, then on to the left, or `HEADINGS` for whoever hardly moves."""
+def heading_bin(velocity: np.ndarray) -> np.ndarray:
+    """Bin of velocities [n, 2]: 0 around east, then on to the left, or `HEADINGS` for people who hardly move."""
     angle = np.arctan2(velocity[:, 1], velocity[:, 0]) * HEADINGS / (2 * np.pi)
     slow = np.hypot(velocity[:, 0], velocity[:, 1]) < SLOW_M_S
     return np.where(slow, HEADINGS, np.rint(angle).astype(np.int64) % HEADINGS)

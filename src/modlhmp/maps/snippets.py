@@ -5,27 +5,32 @@ it ended in a way out. A forecast strings snippets together (`forecasting.chain`
 random, and how many they stand for: fewer make a compact map. Not in the paper.
 """
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
 from modlhmp.maps.base import lattice_box, read_map
-from modlhmp.maps.pieces import HEADINGS, cell_and_bin, features, resample
+from modlhmp.maps.pieces import HEADINGS, Metric, cell_and_bin, features, resample
+from modlhmp.options import SnippetBuilding, Snippets
+from modlhmp.site import Site
 from modlhmp.storage import column
-from modlhmp.tracks import clock_time
+from modlhmp.tracks import Tracks, clock_time
 
 COLUMNS = ("i", "j", "bin", "x", "y", "minute", "stands_for", "steps", "path")
 
 
-def build(tracks, step_s=1.0, length_s=10.0, cell_m=1.0, most=50, past=3, seed=0):
-    """Build a snippet flow map; returns a `pyarrow.Table`, one row a snippet, sorted by cell and bin.
+def build(tracks: Tracks, site: Site, building: SnippetBuilding | None = None, seed: int = 0) -> pa.Table:
+    """Build a snippet flow map; returns a `pyarrow.Table`, one row per snippet, sorted by cell and bin.
 
     `path` holds positions relative to the start: the `past` steps before it, oldest first, then up to `length_s`, held
     where the person left. `steps` says how many were walked, up to one more than the length: whoever walked no more
     than the length has left by then. A bin keeps at most `most` snippets, of which each stands for `stands_for`.
     """
-    pieces, length = resample(tracks, step_s), max(round(length_s / step_s), 1)
+    building = building or SnippetBuilding()
+    step_s, cell_m, most, past = site.time_step_s, building.cell_m, building.most, site.observed_rows - 1
+    pieces, length = resample(tracks, step_s), max(round(building.length_s / step_s), 1)
     row = np.flatnonzero((pieces.age >= past) & (pieces.last > np.arange(len(pieces.person))))
     where = cell_and_bin(pieces, row, cell_m, step_s)
     order = np.lexsort((np.random.default_rng(seed).random(len(row)), *where.T[::-1]))
@@ -64,11 +69,11 @@ class SnippetArrays(NamedTuple):
     are those of the last steps, `metric` the numbers of the `Metric`.
     """
 
-    index: np.ndarray
+    index: np.ndarray  # type: ignore[assignment]  # not a tuple's method
     origin: np.ndarray
     cell: float
     starts: np.ndarray
-    count: np.ndarray
+    count: np.ndarray  # type: ignore[assignment]
     points: np.ndarray
     speed: np.ndarray
     steps: np.ndarray
@@ -79,6 +84,13 @@ class SnippetArrays(NamedTuple):
     step_s: float
     weights: np.ndarray
     metric: np.ndarray
+
+
+def load(path: str | Path | pa.Table, site: Site, options: Snippets) -> "SnippetMap":
+    """Read the Parquet form; `DataError` where it is not one, or is of another time step."""
+    table = read_map(path, "a snippet flow map", COLUMNS, ("cell", "past", "step"), site.time_step_s)
+    weights, metric = site.difference_weights, Metric.of(options)
+    return SnippetMap(table, metric, weights, options.length_s, options.most, site.timezone)
 
 
 class SnippetMap:
@@ -104,7 +116,8 @@ class SnippetMap:
         cells = where[first]
         origin, size = lattice_box(cells[:, :2])
         index = np.full((*size, HEADINGS + 1), -1, np.int32)
-        index[(*(cells[:, :2] - origin).T, cells[:, 2])] = np.arange(len(first))
+        i, j = (cells[:, :2] - origin).T
+        index[i, j, cells[:, 2]] = np.arange(len(first))
         used = np.zeros(past)
         used[: len(weights)] = weights[:past]
         self.arrays = SnippetArrays(
@@ -113,8 +126,3 @@ class SnippetMap:
             np.minimum(steps, length).astype(np.int64), steps <= length, minute,
             np.ascontiguousarray(path[:, : past + 1 + length]), past, self.step_s, used / used.sum(), np.array(metric),
         )  # fmt: skip
-
-    @classmethod
-    def load(cls, path, *arguments):
-        """Read the Parquet form; `DataError` where it is not one."""
-        return cls(read_map(path, "a snippet flow map", COLUMNS, ("cell", "past", "step")), *arguments)

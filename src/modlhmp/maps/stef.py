@@ -4,29 +4,36 @@ Paper Sec. III-B.3; S. Molina et al., The STeF-map, 2022. Detections are counted
 normalised by the busiest direction of that cell and interval, and each direction's signal goes through FreMEn.
 """
 
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 
 from modlhmp.kernels import kernel
 from modlhmp.maps import fremen
-from modlhmp.maps.base import lattice_index
-from modlhmp.storage import DataError, column, read_parquet
-from modlhmp.tracks import clock_offsets
+from modlhmp.maps.base import Sampled, lattice_index, read_map
+from modlhmp.options import RollOut, StefBuilding
+from modlhmp.site import Site
+from modlhmp.storage import DataError, column
+from modlhmp.tracks import Tracks, clock_offsets
 
 DAY_S = 86400.0
 
 
-def orientation_bin(heading, orientations):
+def orientation_bin(heading: np.ndarray, orientations: int) -> np.ndarray:
     """Index of the direction i * 2 pi / orientations nearest to each heading [rad]; a border belongs to the lower."""
     return np.ceil(np.asarray(heading) * orientations / (2 * np.pi) - 0.5).astype(np.int64) % orientations
 
 
-def build(tracks, timezone, resolution_m=1.0, orientations=8, interval_s=600.0, order=2):
-    """Build a STeF-map; returns a `pyarrow.Table`, one row a cell and orientation.
+def build(tracks: Tracks, site: Site, building: StefBuilding | None = None) -> pa.Table:
+    """Build a STeF-map; returns a `pyarrow.Table`, one row per cell and orientation.
 
     Cells are [i, i + 1) * `resolution_m`; x, y are their centres. All intervals of every training day count, night
     included, and an interval without detections is 0. Times are seconds since the first local midnight.
     """
+    building = building or StefBuilding()
+    resolution_m, orientations = building.resolution_m, building.orientations
+    interval_s = building.interval_s
     seen = np.isfinite(tracks.heading) & (tracks.speed != 0.0)
     tracks = tracks.take(seen)
     if not len(tracks.t):
@@ -36,14 +43,14 @@ def build(tracks, timezone, resolution_m=1.0, orientations=8, interval_s=600.0, 
         axis=0,
         return_inverse=True,
     )
-    local = tracks.t + clock_offsets(tracks.t, timezone)
+    local = tracks.t + clock_offsets(tracks.t, site.timezone)
     days, day = np.unique(np.floor(local / DAY_S), return_inverse=True)
     per_day = int(np.ceil(DAY_S / interval_s))
     interval = day * per_day + (np.mod(local, DAY_S) // interval_s).astype(np.int64)
     times = ((days - days[0]) * DAY_S)[:, None] + (np.arange(per_day) + 0.5) * interval_s
     signals = _signals(cell.ravel(), orientation_bin(tracks.heading, orientations), interval,
                        len(cells), orientations, len(days) * per_day)  # fmt: skip
-    mean, amplitude, phase, period = fremen.analyse(times.ravel(), signals, order)
+    mean, amplitude, phase, period = fremen.analyse(times.ravel(), signals, building.order)
     centre = np.repeat((cells + 0.5) * resolution_m, orientations, axis=0)
     return pa.table(
         {
@@ -58,6 +65,14 @@ def build(tracks, timezone, resolution_m=1.0, orientations=8, interval_s=600.0, 
     ).replace_schema_metadata({"resolution": str(resolution_m), "orientations": str(orientations)})
 
 
+def build_hours(
+    tracks: Tracks, site: Site, building: StefBuilding | None = None
+) -> tuple[pa.Table | None, dict[int, pa.Table]]:
+    """(the STeF-map, {hour: its orientation probabilities in the middle of each of the site's hours})."""
+    table = build(tracks, site, building)
+    return table, {hour: evaluate(table, middle_of_hour(hour)) for hour in range(*site.hours)}
+
+
 def _signals(cell, orientation, interval, cells, orientations, intervals):
     """Share of each direction in the busiest direction's count: [cells * orientations, intervals]."""
     flat = (cell * orientations + orientation) * intervals + interval
@@ -66,7 +81,7 @@ def _signals(cell, orientation, interval, cells, orientations, intervals):
     return (counts / np.maximum(busiest, 1)).reshape(cells * orientations, intervals)
 
 
-def evaluate(table, t):
+def evaluate(table: pa.Table, t: float) -> pa.Table:
     """Orientation probabilities at time `t` [s since local midnight]: a table with x, y and a list per cell.
 
     Each direction's prediction is divided by the sum over the cell's directions; a cell whose directions are all
@@ -85,13 +100,19 @@ def evaluate(table, t):
     ).replace_schema_metadata(table.schema.metadata)
 
 
-def middle_of_hour(hour):
+def middle_of_hour(hour: int) -> float:
     """The time at which an hour's map is evaluated [s since local midnight]."""
     return (hour + 0.5) * 3600.0
 
 
 def _lists(array):
     return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(array).ravel()), array.shape[1])
+
+
+def load(path: str | Path | pa.Table, site: Site, options: RollOut) -> "StefMap":
+    """Read one hour's Parquet form; `DataError` where it is not one."""
+    table = read_map(path, "an evaluated STeF-map", ("x", "y", "probabilities"), ("resolution", "orientations"))
+    return StefMap(table, options.sampling_radius_m)
 
 
 class StefMap:
@@ -106,17 +127,11 @@ class StefMap:
         self.probabilities = column(table, "probabilities").reshape(table.num_rows, -1)
         self.origin = np.array([self.x.min(), self.y.min()])
         node = np.rint((np.column_stack([self.x, self.y]) - self.origin) / self.resolution).astype(np.int64)
-        self.index = lattice_index(*node.T, (0, 0), node.max(0) + 1)
+        self.index = lattice_index(node[:, 0], node[:, 1], (0, 0), node.max(0) + 1)
 
-    @classmethod
-    def load(cls, path, sampling_radius=1.0):
-        """Read one hour's Parquet form; `DataError` where it is not one."""
-        table = read_parquet(path)
-        if "probabilities" not in table.column_names:
-            raise DataError(f"{path}: not an evaluated STeF-map, no column probabilities")
-        return cls(table, sampling_radius)
-
-    def sample(self, x, y, speed, heading, t, uniforms):
+    def sample(
+        self, x: np.ndarray, y: np.ndarray, speed: np.ndarray, heading: np.ndarray, t: np.ndarray, uniforms: np.ndarray
+    ) -> Sampled:
         """Draw a direction of the nearest cell in reach by its probabilities; the speed stays as it is."""
         new_heading, log_fitness, found = _sample(
             x,
@@ -130,16 +145,18 @@ class StefMap:
             self.y,
             self.probabilities,
         )
-        return np.array(speed), new_heading, log_fitness, found
+        return np.array(speed), new_heading, log_fitness, found  # line 3: rho_s = rho_{t-1}
 
 
 @kernel
 def _sample(x, y, uniforms, index, origin, resolution, radius, cell_x, cell_y, probabilities):
+    """Algorithm 3 of the paper but for its line 3, for every particle."""
     n, orientations = len(x), probabilities.shape[1]
     heading, log_fitness, found = np.zeros(n), np.zeros(n), np.zeros(n, np.bool_)
     r = radius / resolution + 1e-9
     for i in range(n):
         u, v = (x[i] - origin[0]) / resolution, (y[i] - origin[1]) / resolution
+        # Line 1: the nearest cell.
         row, nearest = -1, np.inf
         for a in range(max(int(np.ceil(u - r)), 0), min(int(np.floor(u + r)), index.shape[0] - 1) + 1):
             for b in range(max(int(np.ceil(v - r)), 0), min(int(np.floor(v + r)), index.shape[1] - 1) + 1):
@@ -151,6 +168,7 @@ def _sample(x, y, uniforms, index, origin, resolution, radius, cell_x, cell_y, p
         if row < 0 or probabilities[row].sum() == 0.0:
             continue
         found[i] = True
+        # Line 2: one of its directions by their probabilities.
         chosen, rest = -1, uniforms[i, 0]
         for o in range(orientations):
             if probabilities[row, o] > 0.0:
@@ -158,7 +176,7 @@ def _sample(x, y, uniforms, index, origin, resolution, radius, cell_x, cell_y, p
                 rest -= probabilities[row, o]
                 if rest <= 0.0:
                     break
-        angle = chosen * 2.0 * np.pi / orientations
+        angle = chosen * 2.0 * np.pi / orientations  # theta_stef,i of Sec. III-B.3
         heading[i] = angle if angle <= np.pi else angle - 2.0 * np.pi
         log_fitness[i] = np.log(probabilities[row, chosen])
     return heading, log_fitness, found

@@ -1,24 +1,25 @@
 """Semi-wrapped Gaussian mixture over (heading, speed): density and expectation maximisation.
 
 p(theta, rho) = sum_j w_j sum_{k=-1..1} N([theta + 2 pi k, rho]; mu_j, Sigma_j), the mixture of the CLiFF-map
-(T. Kucner et al., Enabling flow awareness for mobile robots in partially observable environments, RA-L 2017).
+(paper Sec. III-B.1; T. Kucner et al., Enabling flow awareness for mobile robots in partially observable environments,
+RA-L 2017).
 A component is six numbers: weight, mean heading, mean speed, var(heading), cov(heading, speed), var(speed).
 """
 
 import numpy as np
 
+from modlhmp.angles import TWO_PI, circular_mean, one_turn, unwrapped
 from modlhmp.kernels import kernel
 
 WINDINGS = 1  # k = -1, 0, 1
 MIN_EIGENVALUE = 1e-4  # floor of a covariance's eigenvalues
-TOLERANCE = 1e-5  # gain of log-likelihood an observation below which EM has converged
+TOLERANCE = 1e-5  # gain of log-likelihood per observation below which EM has converged
 MAX_ITERATIONS = 100
 NARROW = 0.2  # below this var(heading) a component's other windings are e^-24 of its peak: EM takes the nearest only
 BLOCK = 256  # observations that EM takes at a time
-TWO_PI = 2.0 * np.pi
 
 
-def log_density(heading, speed, components):
+def log_density(heading: np.ndarray, speed: np.ndarray, components: np.ndarray) -> np.ndarray:
     """Log of the mixture density at each observation, shape [n]; `components` is [J, 6]."""
     heading, speed = np.atleast_1d(heading).astype(float), np.atleast_1d(speed).astype(float)
     out = np.empty(len(heading))
@@ -27,7 +28,7 @@ def log_density(heading, speed, components):
     return out
 
 
-def fit(heading, speed, components):
+def fit(heading: np.ndarray, speed: np.ndarray, components: np.ndarray) -> tuple[np.ndarray, float]:
     """Expectation maximisation from the given `components` [J, 6]; returns (components [J, 6], log-likelihood).
 
     Responsibilities use log-sum-exp, so no observation loses its weight; components that end below
@@ -63,8 +64,8 @@ def floor_covariance(vtt, vtr, vrr):
 @kernel
 def moments(heading, speed):
     """Circular-linear mean and covariance of observations: [mean heading, mean speed, vtt, vtr, vrr]."""
-    mean_heading = np.arctan2(np.sin(heading).mean(), np.cos(heading).mean())
-    d_heading = np.pi - np.mod(np.pi - (heading - mean_heading), TWO_PI)
+    mean_heading = circular_mean(heading)
+    d_heading = one_turn(heading - mean_heading)
     mean_heading += d_heading.mean()
     d_heading -= d_heading.mean()
     d_speed = speed - speed.mean()
@@ -141,7 +142,7 @@ def _em(heading, speed, components, max_iterations, tolerance):
                 continue
             dt, dr = statistics[j, 1] / s, statistics[j, 2] / s
             components[j, 0] = s / n
-            components[j, 1] = np.pi - np.mod(np.pi - (components[j, 1] + dt), TWO_PI)
+            components[j, 1] = one_turn(components[j, 1] + dt)
             components[j, 2] += dr
             components[j, 3], components[j, 4], components[j, 5] = floor_covariance(
                 statistics[j, 3] / s - dt * dt, statistics[j, 4] / s - dt * dr, statistics[j, 5] / s - dr * dr
@@ -199,12 +200,6 @@ def _add_statistics(heading, speed, terms, windings, share, statistics):
                 s4 += r[i] * dt * dr
                 s5 += r[i] * dr * dr
             statistics[j] += np.array([s0, s1, s2, s3, s4, s5])
-
-
-@kernel(inline="always")
-def unwrapped(difference, k):
-    """A difference of angles brought to [-pi, pi], and k turns on."""
-    return difference - TWO_PI * (np.rint(difference / TWO_PI) - k)
 
 
 @kernel(inline="always")

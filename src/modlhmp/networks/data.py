@@ -5,19 +5,21 @@ the building it is; the originals are translation-invariant as well. `where` say
 learn a map. Nothing after t0 is in `past` or `where`.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from modlhmp.forecasting.neighbours import find_neighbours
-from modlhmp.forecasting.observe import observe
+from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.storage import DataError
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks, clock_offsets, positions_at, runs, together, usable_tracks
 
-HELD_OUT_DAYS, HELD_OUT_BLOCKS = 0.2, 0.15  # shares, of `validation: blocks`
+HELD_OUT_DAYS, HELD_OUT_BLOCKS = 0.2, 0.15  # shares, of `held_out: blocks`
 BLOCK_S, LEAST_BLOCKS = 1800.0, 20  # blocks are shorter where there would be too few
+Array = Any  # of NumPy; of torch in the batches that a network sees
 
 
 class Scenes(NamedTuple):
@@ -28,17 +30,17 @@ class Scenes(NamedTuple):
     predicted person's x and y at t0 in m, in the dataset's axes, and t0's local clock hour, 0 to 24 with its fraction.
     """
 
-    past: np.ndarray
-    past_present: np.ndarray
-    future: np.ndarray
-    future_present: np.ndarray
-    where: np.ndarray
+    past: Array
+    past_present: Array
+    future: Array
+    future_present: Array
+    where: Array
 
-    def take(self, rows):
+    def take(self, rows: np.ndarray | slice) -> "Scenes":
         """Some of the scenes."""
         return Scenes(*(part[rows] for part in self))
 
-    def lengths(self):
+    def lengths(self) -> np.ndarray:
         """Steps of truth of each predicted person, [n]."""
         return self.future_present[:, 0].sum(-1)
 
@@ -54,7 +56,7 @@ class Day(NamedTuple):
     timezone: str = "UTC"
 
 
-def observed_scene(observed, step_s):
+def observed_scene(observed: Observed, step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`past` and `past_present` of `Scenes` from an `Observed` with neighbours, and the origins [n, 2] in m."""
     n, seen = observed.t.shape
     rows = np.arange(n)[:, None] * seen + [0, seen - 1]
@@ -66,13 +68,21 @@ def observed_scene(observed, step_s):
     return *_present(xy, origin), origin
 
 
-def whereabouts(origin, t0, timezone):
+def whereabouts(origin: np.ndarray, t0: np.ndarray, timezone: str) -> np.ndarray:
     """`where` of `Scenes` from the origins [n, 2] in m and unix times [n] in s."""
     hour = (t0 + clock_offsets(t0, timezone)) % 86400 / 3600
     return np.column_stack([origin, hour]).astype(np.float32)
 
 
-def scenes_at(day, starts, ends, steps, observed_rows, step_s, neighbours=True):
+def scenes_at(
+    day: Day,
+    starts: np.ndarray,
+    ends: np.ndarray,
+    steps: int,
+    observed_rows: int,
+    step_s: float,
+    neighbours: bool = True,
+) -> Scenes:
     """`Scenes` of the windows that begin at rows `starts` [n] of a day's tracks; `ends` [n] are their tracks' last.
 
     Without `neighbours` there is nobody but the predicted persons (M = 0): finding the others takes most of the time.
@@ -87,10 +97,11 @@ def scenes_at(day, starts, ends, steps, observed_rows, step_s, neighbours=True):
         after = np.concatenate([after, _neighbours_after(day.tracks, found.track, observed.t[:, -1], steps, step_s)], 1)
     past, past_present, origin = observed_scene(observed, step_s)
     where = whereabouts(origin, observed.t[:, -1], day.timezone)
-    return Scenes(past, past_present, *_present(after, origin), where)
+    future, future_present = _present(after, origin)
+    return Scenes(past, past_present, future, future_present, where)
 
 
-def training_windows(day, futures, steps, observed_rows, step_s):
+def training_windows(day: Day, futures: str, steps: int, observed_rows: int, step_s: float) -> np.ndarray:
     """Number of windows [n] that may be trained on in each usable track, all of them beginning at its first rows.
 
     With `futures` = "masked" a window needs one step of truth, with "full" all `steps`.
@@ -104,7 +115,16 @@ def training_windows(day, futures, steps, observed_rows, step_s):
     return np.bincount(track[long_enough], minlength=len(first))
 
 
-def draw_windows(days, windows, rng, steps, observed_rows, step_s, neighbours=True, another_every=None):
+def draw_windows(
+    days: Sequence[Day],
+    windows: Sequence[np.ndarray],
+    rng: np.random.Generator,
+    steps: int,
+    observed_rows: int,
+    step_s: float,
+    neighbours: bool = True,
+    another_every: int | None = None,
+) -> Scenes:
     """One window of each track: its first in about half of the cases, as in the test, else any; `Scenes`.
 
     With `another_every`, another one of any for every so many that the track has.
@@ -124,41 +144,48 @@ def draw_windows(days, windows, rng, steps, observed_rows, step_s, neighbours=Tr
 
 
 class TrainingData(NamedTuple):
-    """Training tracks of some days, whose windows are drawn anew each time, and the scenes held out for validation."""
+    """Training tracks of some days, whose windows are drawn anew each time, and the scenes of the held-out persons."""
 
-    days: list
-    windows: list
-    shape: tuple
+    days: list[Day]
+    windows: list[np.ndarray]
+    shape: tuple[int, int, float]
     validation: Scenes
     neighbours: bool
     another_every: int | None
 
     @property
-    def tracks(self):
+    def tracks(self) -> int:
         """Number of tracks to train on."""
         return sum(int((number > 0).sum()) for number in self.windows)
 
     @property
-    def drawn(self):
+    def drawn(self) -> int:
         """Number of windows drawn at a time."""
         more = sum(int((number // self.another_every).sum()) for number in self.windows) if self.another_every else 0
         return self.tracks + more
 
-    def draw(self, rng):
+    def draw(self, rng: np.random.Generator) -> Scenes:
         """One window of each track, or more (`draw_windows`)."""
         return draw_windows(self.days, self.windows, rng, *self.shape, self.neighbours, self.another_every)
 
 
 def training_data(
-    days, futures, held_out_share, seed, *shape, validation="persons", neighbours=True, another_every=None
-):
-    """`TrainingData` of days; whoever is held out is seen from the first row, as in the test.
+    days: Sequence[Day],
+    futures: str,
+    share: float,
+    seed: int,
+    *shape: Any,
+    held_out: str = "persons",
+    neighbours: bool = True,
+    another_every: int | None = None,
+) -> TrainingData:
+    """`TrainingData` of days; held-out persons are seen from the first row, as in the test.
 
-    `shape` = (steps, observed rows, time step in s). Held out are `validation` = "persons": that share of them, or
+    `shape` = (steps, observed rows, time step in s). Held out are, with `held_out` = "persons": that share of them, or
     "blocks": everybody of some days or hours (`blocks_held_out`), whatever the share.
     """
-    by_blocks = validation == "blocks"
-    out = blocks_held_out(days, seed) if by_blocks else persons_held_out(days, held_out_share, seed)
+    by_blocks = held_out == "blocks"
+    out = blocks_held_out(days, seed) if by_blocks else persons_held_out(days, share, seed)
     fitted = [day._replace(rows=day.rows[~mask]) for day, mask in zip(days, out, strict=True)]
     validation = [day._replace(rows=day.rows[mask]) for day, mask in zip(days, out, strict=True)]
     windows = [training_windows(day, futures, *shape) for day in fitted]
@@ -168,20 +195,20 @@ def training_data(
             "needs; use `futures: masked`, or a shorter horizon_s in the dataset file"
         )
     first = [np.minimum(training_windows(day, "masked", *shape), 1) for day in validation]
-    scenes = draw_windows(validation, first, np.random.default_rng(0), *shape, neighbours)
+    scenes = draw_windows(validation, first, np.random.default_rng(0), *shape, neighbours)  # type: ignore[call-arg]
     return TrainingData(fitted, windows, shape, scenes, neighbours, another_every)
 
 
-def persons_held_out(days, share, seed):
-    """Masks, one [n] a day, of the persons held out: a share of all, by a hash of their ids."""
+def persons_held_out(days: Sequence[Day], share: float, seed: int) -> list[np.ndarray]:
+    """Masks, one [n] per day, of the persons held out: a share of all, by a hash of their ids."""
     keys = [stream_keys(d.tracks.track_id[d.rows[:, 0]], 1, "validation", seed)[:, 0] for d in days]
     lowest = min((key.min() for key in keys if len(key)), default=0)
     limit = max(np.uint64(share * 2.0**64), lowest)  # somebody at least is held out
     return [key <= limit for key in keys]
 
 
-def blocks_held_out(days, seed):
-    """Masks, one [n] a day, of the persons held out: all of the last fifth of the days, else of some half-hours.
+def blocks_held_out(days: Sequence[Day], seed: int) -> list[np.ndarray]:
+    """Masks, one [n] per day, of the persons held out: all of the last fifth of the days, else of some half-hours.
 
     Companions walk together and people of an hour walk alike, so what is learned of a place looks better on persons of
     the same minutes than it is. A person belongs to the day and the block of the first row; blocks are chosen by a hash
@@ -201,13 +228,13 @@ def blocks_held_out(days, seed):
         chosen = numbers[order[: max(1, round(HELD_OUT_BLOCKS * len(numbers)))]]
         if len(numbers) == 1:
             raise DataError(
-                "all training tracks begin in one moment, so no part of the time can be held out for validation; use "
-                "`validation: persons`, or more recordings"
+                "all training tracks begin at the same moment, so no block of time can be held out; use "
+                "`held_out: persons`, or more recordings"
             )
     return np.split(np.isin(block, chosen), np.cumsum([len(first) for first in began])[:-1])
 
 
-def day_of(own, others, observed_rows, timezone="UTC"):
+def day_of(own: Tracks, others: Iterable[Tracks], observed_rows: int, timezone: str = "UTC") -> Day:
     """A `Day` of the tracks of one recording, with those of other recordings of that day as neighbours."""
     return Day(together([own, *others]), usable_tracks(own, observed_rows), timezone)
 

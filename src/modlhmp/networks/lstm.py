@@ -8,8 +8,9 @@ network's own guess of that position.
 import math
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
+from modlhmp.networks.data import Scenes
 from modlhmp.networks.network import Base, displacements, masked_mean, trimmed, truth_of
 
 EMBEDDING, START_TAGS = 62, 2  # the framework's two start tags are never set here
@@ -17,6 +18,7 @@ VELOCITY_SCALE = 4.0
 WEIGHT_DECAY = 1e-4
 OUTLIER, WIDE = 0.01, 0.20  # weights of the constant and of the wide Gaussian in the loss
 WIDE_SIGMA_M = 3.0
+Gaussians = tuple[Tensor, Tensor, Tensor]  # means [.., 2], standard deviations [.., 2], correlations [..]
 
 
 class Network(Base):
@@ -35,17 +37,17 @@ class Network(Base):
         self.decoder = nn.LSTMCell(EMBEDDING + START_TAGS + pooled, hidden)
         self.head = nn.Linear(hidden, 5)
 
-    def embedded(self, displacement):
-        """A cell's input from a displacement [n, 2] in m a step, the start tags unset."""
+    def embedded(self, displacement: Tensor) -> Tensor:
+        """A cell's input from a displacement [n, 2] in m per step, the start tags unset."""
         return nn.functional.pad(torch.relu(self.embed(VELOCITY_SCALE * displacement)), (0, START_TAGS))
 
-    def gaussian(self, hidden):
+    def gaussian(self, hidden: Tensor) -> Gaussians:
         """Mean [.., 2], standard deviations [.., 2] and correlation [..] of the next displacement."""
         raw = self.head(hidden)
         sigma = self.sigma_scale * (0.01 + 0.2 * torch.sigmoid(raw[..., 2:4]))
         return raw[..., :2], sigma, 0.7 * torch.sigmoid(raw[..., 4])
 
-    def roll_out(self, past, steps):
+    def roll_out(self, past: Tensor, steps: int) -> Gaussians:
         """Gaussians of `steps` displacements; each mean, without its gradient, is the next step's input."""
         zeros = past.new_zeros(len(past), self.encoder.hidden_size)
         state = (zeros, zeros)
@@ -58,32 +60,34 @@ class Network(Base):
             hidden.append(state[0])
         return self.gaussian(torch.stack(hidden, dim=1))
 
-    def loss(self, scenes):
+    def loss(self, scenes: Scenes) -> Tensor:
         """Mean over the batch's valid steps of the robust negative log-likelihood of the displacements."""
         steps = trimmed(scenes)
         gaussians = self.roll_out(scenes.past[:, 0], steps)
         return displacement_loss(scenes, gaussians, steps, self.sigma_scale)
 
-    def forecast(self, past, present, keys, where=None):
+    def forecast(self, past: Tensor, present: Tensor, keys: Tensor, where: Tensor | None = None) -> Tensor:
         """The path of the means."""
         return self.roll_out(past[:, 0], self.steps)[0].cumsum(1)[:, None]
 
-    def optimiser(self, lr):
+    def optimiser(self, lr: float) -> torch.optim.Optimizer:
         """Adam with coupled weight decay."""
         return torch.optim.Adam(self.parameters(), lr=lr, weight_decay=WEIGHT_DECAY)
 
-    def decay(self, done):
+    def decay(self, done: float) -> float:
         """A tenth after 10 of 25 epochs, a hundredth after 20."""
         return 0.1 ** (int(done >= 0.4) + int(done >= 0.8))
 
 
-def displacement_loss(scenes, gaussians, steps, sigma_scale):
+def displacement_loss(scenes: Scenes, gaussians: Gaussians, steps: int, sigma_scale: float) -> Tensor:
     """Mean robust loss over the valid steps of the predicted persons."""
     truth, mask = truth_of(scenes, steps)
     return masked_mean(robust_nll(displacements(truth, mask), *gaussians, sigma_scale), mask)
 
 
-def robust_nll(displacement, mean, sigma, correlation, sigma_scale=1.0):
+def robust_nll(
+    displacement: Tensor, mean: Tensor, sigma: Tensor, correlation: Tensor, sigma_scale: float = 1.0
+) -> Tensor:
     """-log(0.01 + 0.2 N(d; mean, 3 m, 3 m, 0) + 0.79 N(d; mean, sigma, correlation)), N the bivariate density."""
     wide = torch.full_like(sigma, WIDE_SIGMA_M * sigma_scale)
     density = (1 - OUTLIER - WIDE) * bivariate_density(displacement - mean, sigma, correlation)
@@ -91,7 +95,7 @@ def robust_nll(displacement, mean, sigma, correlation, sigma_scale=1.0):
     return -torch.log(OUTLIER + density)
 
 
-def bivariate_density(offset, sigma, correlation):
+def bivariate_density(offset: Tensor, sigma: Tensor, correlation: Tensor) -> Tensor:
     """Density of a bivariate normal at `offset` [.., 2] from its mean."""
     (zx, zy), rest = (offset / sigma).unbind(-1), 1 - correlation**2
     exponent = (zx**2 + zy**2 - 2 * correlation * zx * zy) / (2 * rest)

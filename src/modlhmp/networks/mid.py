@@ -6,12 +6,14 @@ are neither attended to nor counted. At a forecast all steps are, so it is one f
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import torch
 from scipy.special import ndtri
-from torch import nn
+from torch import Tensor, nn
 
+from modlhmp.networks.data import Scenes
 from modlhmp.networks.network import Base, displacements, masked_mean, track_ade, trimmed, truth_of
 from modlhmp.networks.trajectronpp import Encoder
 from modlhmp.streams import uniforms
@@ -20,6 +22,7 @@ TIMES = 100  # diffusion times T
 BETA_FIRST, BETA_LAST = 1e-4, 0.05
 STRIDE = 20  # of DDIM: five denoising steps
 CHUNK = 2048  # paths denoised at once
+NoiseAt = Callable[[Tensor, Tensor], Tensor]  # (x_t, t) -> the noise in it
 
 
 class Schedule:
@@ -31,7 +34,7 @@ class Schedule:
         self.alpha = 1 - self.beta
         self.abar = self.alpha.cumprod(0)
 
-    def posterior_sd(self, t):
+    def posterior_sd(self, t: int) -> Tensor:
         """Standard deviation of x_{t-1} given x_t and x_0."""
         return torch.sqrt(self.beta[t] * (1 - self.abar[t - 1]) / (1 - self.abar[t]))
 
@@ -48,7 +51,7 @@ class Gated(nn.Module):
         self.gate = nn.Linear(context, outputs)
         self.shift = nn.Linear(context, outputs, bias=False)
 
-    def forward(self, x, context):
+    def forward(self, x: Tensor, context: Tensor) -> Tensor:
         """X [n, T, inputs], context [n, context]."""
         return self.linear(x) * torch.sigmoid(self.gate(context))[:, None] + self.shift(context)[:, None]
 
@@ -58,6 +61,7 @@ class Network(Base):
 
     output = "mean"
     turns = 24
+    positions: Tensor
 
     def __init__(self, steps, observed_rows, step_s, context=256, heads=4, layers=3):
         super().__init__(steps, observed_rows, step_s)
@@ -72,7 +76,7 @@ class Network(Base):
         self.drop = nn.Dropout(0.1)
         self.register_buffer("positions", sinusoids(steps, width), persistent=False)
 
-    def noise(self, x, t, context, present=None):
+    def noise(self, x: Tensor, t: Tensor, context: Tensor, present: Tensor | None = None) -> Tensor:
         """Predicted noise [n, T, 2] in velocities x at diffusion times t [n]; steps not `present` are not looked at."""
         beta = SCHEDULE.beta.to(x)[t][:, None]
         conditions = torch.cat([beta, torch.sin(beta), torch.cos(beta), context], -1)
@@ -82,7 +86,7 @@ class Network(Base):
             h = layer(h, conditions)
         return h
 
-    def loss(self, scenes):
+    def loss(self, scenes: Scenes) -> Tensor:
         """Mean squared error of the predicted noise over the valid steps."""
         steps = trimmed(scenes)
         truth, mask = truth_of(scenes, steps)
@@ -93,29 +97,33 @@ class Network(Base):
         predicted = self.noise(torch.where(mask[..., None], diffused(velocity, t, noise), 0.0), t, context, mask)
         return masked_mean(((predicted - noise) ** 2).mean(-1), mask)
 
-    def forecast(self, past, present, keys, where=None):
+    def forecast(self, past: Tensor, present: Tensor, keys: Tensor, where: Tensor | None = None) -> Tensor:
         """The paths from the keys' noise by deterministic sampling (DDIM), the whole horizon at once."""
         (n, k), steps = keys.shape, self.steps
         start = torch.from_numpy(noise_of(keys.cpu().numpy().ravel(), steps)).to(past)
         context = self.encoder(past, present)[0].repeat_interleave(k, 0)
         parts = zip(start.split(CHUNK), context.split(CHUNK), strict=True)
-        velocity = torch.cat([ddim(lambda x, t, c=c: self.noise(x, t, c), x) for x, c in parts])
+
+        def denoised(x: Tensor, of: Tensor) -> Tensor:
+            return ddim(lambda noisy, t: self.noise(noisy, t, of), x)
+
+        velocity = torch.cat([denoised(x, of) for x, of in parts])
         return self.step_s * velocity.cumsum(1).view(n, k, steps, 2)
 
-    def validation_error(self, scenes):
-        """Of one future a track, its noise fixed by the track's place."""
+    def validation_error(self, scenes: Scenes) -> Tensor:
+        """Of one future per track, its noise fixed by the track's place."""
         keys = torch.arange(len(scenes.past))[:, None]
         xy = self.forecast(scenes.past, scenes.past_present, keys)
         return track_ade(xy[:, 0], scenes.future[:, 0], scenes.future_present[:, 0])
 
 
-def diffused(x0, t, noise):
+def diffused(x0: Tensor, t: Tensor, noise: Tensor) -> Tensor:
     """x_t from x_0 [n, ...] at times t [n]."""
     abar = SCHEDULE.abar.to(x0)[t].view(-1, *[1] * (x0.ndim - 1))
     return torch.sqrt(abar) * x0 + torch.sqrt(1 - abar) * noise
 
 
-def ddim(noise_at, x, stride=STRIDE):
+def ddim(noise_at: NoiseAt, x: Tensor, stride: int = STRIDE) -> Tensor:
     """Sample from x_T = x with `noise_at`(x, t) by deterministic steps of `stride` down to 0 (DDIM, eta = 0)."""
     for t in range(TIMES, 0, -stride):
         now, then = (SCHEDULE.abar[time].item() for time in (t, max(t - stride, 0)))
@@ -125,7 +133,7 @@ def ddim(noise_at, x, stride=STRIDE):
     return x
 
 
-def ddpm(noise_at, x, generator=None):
+def ddpm(noise_at: NoiseAt, x: Tensor, generator: torch.Generator | None = None) -> Tensor:
     """Sample from x_T = x by all T ancestral steps (DDPM)."""
     for t in range(TIMES, 0, -1):
         beta, alpha, abar = (values[t].item() for values in (SCHEDULE.beta, SCHEDULE.alpha, SCHEDULE.abar))
@@ -137,12 +145,12 @@ def ddpm(noise_at, x, generator=None):
     return x
 
 
-def noise_of(keys, steps):
+def noise_of(keys: np.ndarray, steps: int) -> np.ndarray:
     """Standard normal numbers [n, steps, 2] of random streams: the same for a track whatever is forecast beside it."""
     return ndtri(uniforms(keys.astype(np.uint64), 0, 2 * steps)).reshape(len(keys), steps, 2)
 
 
-def sinusoids(steps, width):
+def sinusoids(steps: int, width: int) -> Tensor:
     """Positional encoding [steps, width] of the transformer, base 10000."""
     angle = torch.arange(steps)[:, None] * torch.exp(torch.arange(0, width, 2) * (-math.log(10000.0) / width))
     return torch.stack([torch.sin(angle), torch.cos(angle)], -1).flatten(1)

@@ -9,9 +9,10 @@ knows the axes of the building; what the maps are worth is what it lacks.
 import math
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
-from modlhmp.forecasting.observe import kernel_weights
+from modlhmp.forecasting.observe import observation_weights
+from modlhmp.networks.data import Scenes
 from modlhmp.networks.network import Base, trimmed, truth_of
 
 LOOK_AHEAD_S = (0.0, 2.0, 5.0)  # the maps are read where the walker is, and will be at the present velocity
@@ -29,6 +30,8 @@ class Grid(nn.Module):
     How many rows and columns depends on the training area (`cover`); stored weights bring theirs.
     """
 
+    corner: Tensor
+
     def __init__(self, cell_m, headings, channels):
         super().__init__()
         self.cell_m = cell_m
@@ -36,14 +39,14 @@ class Grid(nn.Module):
         self.numbers = nn.Parameter(torch.zeros(channels, headings, 2, 2))
         self.register_load_state_dict_pre_hook(_make_room)
 
-    def cover(self, low, high):
+    def cover(self, low: Tensor, high: Tensor) -> None:
         """Reach from corner `low` to corner `high` [2] in m, and a cell further on each side."""
         columns, rows = (torch.ceil((high - low) / self.cell_m).long() + 3).tolist()
         self.corner.copy_(low - self.cell_m)
         shape = (*self.numbers.shape[:2], rows, columns)
         self.numbers = nn.Parameter(FIRST_SD * torch.randn(shape, dtype=self.numbers.dtype))
 
-    def forward(self, xy, heading):
+    def forward(self, xy: Tensor, heading: Tensor) -> Tensor:
         """What the map says [n, channels] at `xy` [n, 2] in m and `heading` [n] in rad.
 
         Linear between nodes, round the circle in heading; beyond the outermost nodes it fades to 0 within a cell.
@@ -65,6 +68,7 @@ class Network(Base):
     """
 
     looks_at_neighbours = False
+    weights: Tensor
 
     def __init__(
         self, steps, observed_rows, step_s,
@@ -80,19 +84,19 @@ class Network(Base):
             nn.Linear(width, width), nn.SiLU(), nn.Dropout(DROPOUT),
             nn.Linear(width, 2 * steps),
         )  # fmt: skip
-        newest_last = kernel_weights(observed_rows - 1)[::-1].copy()
+        newest_last = observation_weights(observed_rows - 1)[::-1].copy()
         self.register_buffer("weights", torch.from_numpy(newest_last).float(), persistent=False)
 
-    def prepare(self, scenes):
+    def prepare(self, scenes: Scenes) -> None:
         """Let the maps cover where people walk."""
         xy = torch.cat([scenes.past[:, 0], scenes.future[:, 0]], 1) + scenes.where[:, None, :2]
         there = torch.cat([scenes.past_present[:, 0], scenes.future_present[:, 0]], 1)
         by_size = xy[there].sort(0).values
         low, high = (by_size[round(share * (len(by_size) - 1))] for share in (OUTSIDE, 1 - OUTSIDE))
         for grid in self.maps:
-            grid.cover(low, high)
+            grid.cover(low, high)  # type: ignore[operator]
 
-    def paths(self, past, where):
+    def paths(self, past: Tensor, where: Tensor) -> Tensor:
         """Positions [n, steps, 2] of walkers from what they did, `past` [n, O, 2], and `where` [n, 3].
 
         Up to every step they go on at the present velocity, a weighted mean, plus what the network changes of it [m/s].
@@ -111,7 +115,7 @@ class Network(Base):
         seconds = self.step_s * torch.arange(1, self.steps + 1, dtype=past.dtype, device=past.device)
         return seconds[:, None] * (now[:, None] + change)
 
-    def loss(self, scenes):
+    def loss(self, scenes: Scenes) -> Tensor:
         """Mean distance over time since t0 [m/s] of the valid steps, of walkers at other paces and a little beside.
 
         It is least at the spatial median of where people are who are still there; as distances grow with time, their
@@ -127,17 +131,18 @@ class Network(Base):
         weight = mask / torch.arange(1, truth.shape[1] + 1, dtype=truth.dtype, device=truth.device)
         return (weight * distance).sum() / (weight.sum() * self.step_s)
 
-    def forecast(self, past, present, keys, where=None):
+    def forecast(self, past: Tensor, present: Tensor, keys: Tensor, where: Tensor | None = None) -> Tensor:
         """The one path."""
+        assert where is not None
         return self.paths(past[:, 0], where)[:, None]
 
-    def optimiser(self, lr):
+    def optimiser(self, lr: float) -> torch.optim.Optimizer:
         """Adam with decoupled weight decay."""
         parts = [(self.layers.parameters(), DECAY), (self.maps.parameters(), DECAY_MAP)]
         return torch.optim.AdamW([{"params": list(part), "weight_decay": decay} for part, decay in parts], lr=lr)
 
 
-def at_pace(scale, past, truth, mask):
+def at_pace(scale: Tensor, past: Tensor, truth: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Walkers [n, O, 2], their truth [n, T, 2] and where it is there [n, T], had they walked `scale` [n] times as fast.
 
     Linear between steps; before the first one the first displacement goes on. One step of truth stays at least.

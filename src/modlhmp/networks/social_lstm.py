@@ -7,9 +7,10 @@ people out of range or absent leave it alone.
 """
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 from modlhmp.networks import lstm
+from modlhmp.networks.data import Scenes
 from modlhmp.networks.network import trimmed
 
 CELLS, CELL_M = 4, 2.0  # the grid is 8 m wide, axes those of the world, its middle the person
@@ -33,7 +34,7 @@ class Crowd:
         apart = self.ego != self.other
         self.ego, self.other = self.ego[apart], self.other[apart]
 
-    def take(self, values):
+    def take(self, values: Tensor) -> Tensor:
         """Values [n, 1 + M, ...] of the people, [people, ...]."""
         return values[self.scene, self.slot]
 
@@ -46,13 +47,28 @@ class Network(lstm.Network):
         self.latent = nn.Linear(hidden, LATENT)
         self.grid = nn.Linear(LATENT * CELLS**2, POOLED)
 
-    def step_all(self, cell, displacement, position, here, state, crowd):
+    def step_all(
+        self,
+        cell: nn.LSTMCell,
+        displacement: Tensor,
+        position: Tensor,
+        here: Tensor,
+        state: tuple[Tensor, ...],
+        crowd: Crowd,
+    ) -> tuple[Tensor, ...]:
         """Advance everybody who is `here` [people] and has moved; the states of others stay as they are."""
         grid = pool(self.latent(state[0]), position, here, crowd)
         new = cell(torch.cat([self.embedded(displacement), torch.relu(self.grid(grid))], -1), state)
         return tuple(torch.where(here[:, None], after, before) for after, before in zip(new, state, strict=True))
 
-    def roll_out(self, past, present, steps, future=None, future_present=None):
+    def roll_out(  # type: ignore[override]  # the others' positions, too
+        self,
+        past: Tensor,
+        present: Tensor,
+        steps: int,
+        future: Tensor | None = None,
+        future_present: Tensor | None = None,
+    ) -> lstm.Gaussians:
         """Gaussians of the predicted persons' displacements.
 
         With `future`, neighbours move as they did and leave when they did (training); without, everyone present at t0
@@ -61,14 +77,14 @@ class Network(lstm.Network):
         crowd = Crowd(past, present)
         xy, here = crowd.take(past), crowd.take(present)
         zeros = xy.new_zeros(len(xy), self.encoder.hidden_size)
-        state = (zeros, zeros)
+        state: tuple[Tensor, ...] = (zeros, zeros)
         for t in range(1, self.observed_rows):
             moved = here[:, t] & here[:, t - 1]
             displacement = torch.where(moved[:, None], xy[:, t] - xy[:, t - 1], 0.0)
             state = self.step_all(self.encoder, displacement, xy[:, t], moved, state, crowd)
         hidden = [state[0][crowd.primary]]
         position, present_now = xy[:, -1], here[:, -1]
-        if future is not None:
+        if future is not None and future_present is not None:
             truth, staying = crowd.take(future), crowd.take(future_present)
             own = torch.zeros_like(present_now)
             own[crowd.primary] = True
@@ -85,25 +101,25 @@ class Network(lstm.Network):
             hidden.append(state[0][crowd.primary])
         return self.gaussian(torch.stack(hidden, dim=1))
 
-    def loss(self, scenes):
+    def loss(self, scenes: Scenes) -> Tensor:
         """As the LSTM's, of the predicted persons only."""
         steps = trimmed(scenes)
         gaussians = self.roll_out(scenes.past, scenes.past_present, steps, scenes.future, scenes.future_present)
         return lstm.displacement_loss(scenes, gaussians, steps, self.sigma_scale)
 
-    def forecast(self, past, present, keys, where=None):
+    def forecast(self, past: Tensor, present: Tensor, keys: Tensor, where: Tensor | None = None) -> Tensor:
         """The path of the means, everyone present at t0 moving along."""
         return self.roll_out(past, present, self.steps)[0].cumsum(1)[:, None]
 
 
-def grid_cell(offset):
+def grid_cell(offset: Tensor) -> Tensor:
     """Cell [..] of a neighbour at `offset` [.., 2] m, x-major; CELLS^2 where out of range."""
     cell = torch.floor(offset / CELL_M + CELLS / 2).long()
     inside = ((cell >= 0) & (cell < CELLS)).all(-1)
     return torch.where(inside, cell[..., 0] * CELLS + cell[..., 1], CELLS**2)
 
 
-def pool(latent, position, here, crowd):
+def pool(latent: Tensor, position: Tensor, here: Tensor, crowd: Crowd) -> Tensor:
     """Sum of the others' latent states [people, LATENT] in each cell around each person: [people, LATENT * CELLS^2].
 
     Channel first. Absent people pool nothing and are pooled by nobody.

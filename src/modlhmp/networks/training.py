@@ -1,28 +1,34 @@
-"""One training loop for all networks: seeded, resumable, stopped early by a validation split, its curve kept."""
+"""One training loop for all networks: seeded, resumable, stopped early by held-out persons, its curve kept."""
 
+import dataclasses
 import hashlib
 import json
+import logging
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
-from modlhmp.networks import network_class
-from modlhmp.networks.data import Scenes, training_data
-from modlhmp.networks.network import cosine, rotated
+from modlhmp.kinds import Kind
+from modlhmp.networks.data import Day, Scenes, TrainingData, training_data
+from modlhmp.networks.network import Base, cosine, rotated
+from modlhmp.options import Learning, Training
+from modlhmp.settings import as_plain
+from modlhmp.site import Site
 from modlhmp.storage import DataError, atomic_path
 
 CURVE = ("epoch", "train_loss", "validation_ade_m", "learning_rate", "seconds")
-DRAWING = ("validation", "another_every")  # options of `training_data`, where they are given
-TRAINING = ("epochs", "batch_size", "learning_rate", "schedule", "patience", "rotate", *DRAWING)  # others build it
+NOT_SIZES = {*(field.name for field in dataclasses.fields(Training)), "k"}  # other options build the network
 LEAST_TRACKS = 20
 VALIDATION_SHARE = 0.1
 LENGTH_JITTER = 0.15  # of a track's length, so that batches of like lengths differ from epoch to epoch
 BATCH = 512  # tracks validated or forecast at once
 
 
-def choose_device(wanted):
+def choose_device(wanted: str) -> torch.device:
     """The torch device of `auto`, `cpu` or `cuda`."""
     available = torch.cuda.is_available()
     if wanted == "cuda" and not available:
@@ -34,56 +40,51 @@ def choose_device(wanted):
     return torch.device("cuda" if wanted != "cpu" and available else "cpu")
 
 
-def build_network(kind, options, steps, observed_rows, step_s):
-    """A network of a kind from a method's options."""
-    sizes = {name: value for name, value in options.items() if name not in {*TRAINING, "k"}}
-    try:
-        return network_class(kind)(steps, observed_rows, step_s, **sizes)
-    except TypeError as error:
-        raise DataError(f"configuration: {kind} cannot be built with the options {sizes} ({error})") from None
+def build_network(kind: Kind, options: Training, site: Site) -> Base:
+    """A network of a kind, of the sizes that a method's options say."""
+    sizes = {f.name: getattr(options, f.name) for f in dataclasses.fields(options) if f.name not in NOT_SIZES}
+    return kind.implementation().Network(*_shape(site), **sizes)
 
 
-def train(kind, options, days, dataset, learned, checkpoint, log):
+def train(
+    kind: Kind,
+    options: Training,
+    days: list[Day],
+    site: Site,
+    learning: Learning,
+    checkpoint: str | Path,
+    log: logging.Logger,
+    threads: int = 1,
+    code: str | None = None,
+) -> tuple[Base, list[dict[str, float]], dict[str, Any]]:
     """Train a network on `days` (`data.Day`s); returns (network with its best weights, curve, summary).
 
-    `options` are the method's for this budget, `learned` the configuration's section (and `code`, the hash of the code,
-    where it is known), `dataset` needs `observed_rows`, `horizon_s` and `time_step_s`. After every epoch all that is
-    needed to go on is in the file `checkpoint`; one of the same settings, code and positions is taken up, and gives the
-    same weights as an undisturbed training.
+    `code` is the hash of the code, where it is known. After every epoch all that is needed to go on is in the file
+    `checkpoint`; one of the same settings, code and positions is taken up, and gives the same weights as an undisturbed
+    training. `DataError` if there are too few tracks, or the loss is not finite.
     """
-    torch.set_num_threads(learned["threads"])
-    device, shape = choose_device(learned["device"]), _shape(dataset)
-    drawing = {name: options[name] for name in DRAWING if name in options}
-    data = training_data(days, learned["futures"], VALIDATION_SHARE, learned["seed"], *shape, **drawing,
-                         neighbours=network_class(kind).looks_at_neighbours)  # fmt: skip
-    if data.tracks < LEAST_TRACKS or not len(data.validation.past):
-        raise DataError(
-            f"{kind}: {data.tracks} training and {len(data.validation.past)} validation tracks are too few to train on "
-            f"(at least {LEAST_TRACKS} and 1); name more training recordings, or leave the method out of `compare`"
-        )
-    torch.manual_seed(learned["seed"])
-    network = build_network(kind, options, *shape)
-    network.planned_iterations = options["epochs"] * -(-data.drawn // options["batch_size"])
-    fingerprint = _fingerprint(kind, options, learned, days, shape)
+    torch.set_num_threads(threads)
+    device, shape = choose_device(learning.device), _shape(site)
+    data = _data(kind, options, learning, days, shape)
+    torch.manual_seed(learning.seed)
+    network = build_network(kind, options, site)
+    network.planned_iterations = options.epochs * -(-data.drawn // options.batch_size)
+    fingerprint = _fingerprint(kind, options, learning, code, days, shape)
     state = load_checkpoint(checkpoint, fingerprint, log)
-    if state is None:
-        network.prepare(_tensors(data.draw(np.random.default_rng([learned["seed"], 0])), torch.device("cpu")))
-        curve, best = [], {"validation_ade_m": np.inf, "epoch": 0, "weights": None}
-    else:
-        network.load_state_dict(state["weights"])
-        curve, best = state["curve"], state["best"]
-        log.info("%s: taken up after epoch %d", kind, len(curve))
+    curve, best = _first_epochs(network, data, learning.seed, state)
+    if state is not None:
+        log.info("%s: continues after epoch %d", kind.name, len(curve))
     network.to(device)
-    optimiser = network.optimiser(options["learning_rate"])
+    optimiser = network.optimiser(options.learning_rate)
     if state is not None:
         optimiser.load_state_dict(state["optimiser"])
-    log.info("%s: %d parameters, %d tracks, %d held out", kind, network.parameter_count(), data.tracks,
-             len(data.validation.past))  # fmt: skip
-    while len(curve) < options["epochs"] and len(curve) - best["epoch"] < options["patience"]:
+    sizes = _sizes(network, data)
+    log.info("%s: %d parameters, %d tracks, %d held out", kind.name, *sizes.values())
+    while len(curve) < options.epochs and len(curve) - best["epoch"] < options.patience:
         began, epoch = time.perf_counter(), len(curve) + 1
-        loss, rate = _one_epoch(network, optimiser, data, options, learned["seed"], epoch, device)
+        loss, rate = _one_epoch(network, optimiser, data, options, learning.seed, epoch, device)
         if not np.isfinite(loss):
-            raise DataError(f"{kind}: the loss of epoch {epoch} is not finite; lower learning_rate (now {rate:g})")
+            raise DataError(f"{kind.name}: the loss of epoch {epoch} is not finite; lower learning_rate (now {rate:g})")
         error = validate(network, data.validation, device)
         row = (epoch, loss, error, rate, time.perf_counter() - began)
         curve.append(dict(zip(CURVE, row, strict=True)))
@@ -92,20 +93,56 @@ def train(kind, options, days, dataset, learned, checkpoint, log):
             best = {"validation_ade_m": error, "epoch": epoch, "weights": weights}
         _save(checkpoint, {"fingerprint": fingerprint, "weights": network.state_dict(), "curve": curve, "best": best,
                            "optimiser": optimiser.state_dict()})  # fmt: skip
-        left = (options["epochs"] - epoch) * np.mean([one["seconds"] for one in curve])
+        left = (options.epochs - epoch) * np.mean([one["seconds"] for one in curve])
         log.info("%s: epoch %d of %d, loss %.4g, validation ADE %.3f m, %.1f s, at most %s left",
-                 kind, epoch, options["epochs"], loss, error, row[-1], _minutes(left))  # fmt: skip
+                 kind.name, epoch, options.epochs, loss, error, row[-1], _minutes(left))  # fmt: skip
     network.load_state_dict(best["weights"])
     summary = {
-        "parameters": network.parameter_count(), "tracks": data.tracks, "validation_tracks": len(data.validation.past),
-        "epochs": len(curve), "planned_epochs": options["epochs"], "best_epoch": best["epoch"],
-        "validation_ade_m": best["validation_ade_m"], "device": device.type, "threads": learned["threads"],
-        "minutes": sum(row["seconds"] for row in curve) / 60, "futures": learned["futures"],
+        **sizes, "epochs": len(curve), "planned_epochs": options.epochs, "best_epoch": best["epoch"],
+        "validation_ade_m": best["validation_ade_m"], "device": device.type, "threads": threads,
+        "minutes": sum(row["seconds"] for row in curve) / 60, "futures": learning.futures,
     }  # fmt: skip
     return network, curve, summary
 
 
-def batches(scenes, size, rng):
+def _data(
+    kind: Kind, options: Training, learning: Learning, days: list[Day], shape: tuple[int, int, float]
+) -> TrainingData:
+    """Who is trained on and who is held out; `DataError` if there are too few of either."""
+    data = training_data(
+        days, learning.futures, VALIDATION_SHARE, learning.seed, *shape, held_out=options.held_out,
+        neighbours=kind.implementation().Network.looks_at_neighbours, another_every=options.another_every,
+    )  # fmt: skip
+    if data.tracks < LEAST_TRACKS or not len(data.validation.past):
+        raise DataError(
+            f"{kind.name}: {data.tracks} training and {len(data.validation.past)} validation tracks are too few to "
+            f"train on (at least {LEAST_TRACKS} and 1); name more training recordings, or leave the method out of "
+            "`compare`"
+        )
+    return data
+
+
+def _first_epochs(
+    network: Base, data: TrainingData, seed: int, state: dict[str, Any] | None
+) -> tuple[list[dict[str, float]], dict[str, Any]]:
+    """Prepare a network for its first epoch, or take up a checkpoint's `state`; the curve and the best epoch so far."""
+    if state is not None:
+        network.load_state_dict(state["weights"])
+        return state["curve"], state["best"]
+    network.prepare(_tensors(data.draw(np.random.default_rng([seed, 0])), torch.device("cpu")))
+    return [], {"validation_ade_m": np.inf, "epoch": 0, "weights": None}
+
+
+def _sizes(network: Base, data: TrainingData) -> dict[str, int]:
+    """How large a network is, and how many tracks are trained on and held out."""
+    return {
+        "parameters": network.parameter_count(),
+        "tracks": data.tracks,
+        "validation_tracks": len(data.validation.past),
+    }
+
+
+def batches(scenes: Scenes, size: int, rng: np.random.Generator) -> Iterator[Scenes]:
     """Scenes in batches of like length of truth, in random order."""
     lengths = scenes.lengths()
     order = np.argsort(lengths * (1 + LENGTH_JITTER * rng.standard_normal(len(lengths))), kind="stable")
@@ -114,7 +151,7 @@ def batches(scenes, size, rng):
         yield scenes.take(parts[part])
 
 
-def validate(network, scenes, device):
+def validate(network: Base, scenes: Scenes, device: torch.device) -> float:
     """Mean ADE in m over tracks, each up to its own length."""
     network.eval()
     errors = []
@@ -125,7 +162,7 @@ def validate(network, scenes, device):
     return float(torch.cat(errors).mean())
 
 
-def load_checkpoint(path, fingerprint, log):
+def load_checkpoint(path: str | Path, fingerprint: str, log: logging.Logger) -> dict[str, Any] | None:
     """The state of an interrupted training of the same settings, None if there is none."""
     if not Path(path).exists():
         return None
@@ -140,26 +177,26 @@ def load_checkpoint(path, fingerprint, log):
     return state
 
 
-def save_network(path, kind, options, dataset, network):
+def save_network(path: str | Path, kind: Kind, options: Training, site: Site, network: Base) -> None:
     """Write the weights and what the network was built from."""
-    settings = {"kind": kind, "options": options, "shape": _shape(dataset)}
+    settings = {"kind": kind.name, "options": as_plain(options), "shape": _shape(site)}
     _save(path, {"settings": json.dumps(settings, sort_keys=True), "weights": network.state_dict()})
 
 
-def load_network(path, kind, options, dataset):
+def load_network(path: str | Path, kind: Kind, options: Training, site: Site) -> Base:
     """The trained network of a method; `DataError` if the file is of another configuration."""
     try:
         stored = torch.load(path, weights_only=True, map_location="cpu")
         settings = json.loads(stored["settings"])
     except Exception as error:
         raise DataError(f"{path}: cannot be read as weights ({_reason(error)}); delete it and run again") from None
-    for key, value in {"kind": kind, "options": options, "shape": list(_shape(dataset))}.items():
+    for key, value in {"kind": kind.name, "options": as_plain(options), "shape": list(_shape(site))}.items():
         if settings.get(key) != value:
             raise DataError(
                 f"{path}: trained with {key} {settings.get(key)}, but the configuration says {value}; "
                 "delete it and run again"
             )
-    network = build_network(kind, options, *_shape(dataset))
+    network = build_network(kind, options, site)
     network.load_state_dict(stored["weights"])
     return network.eval()
 
@@ -168,16 +205,16 @@ def _one_epoch(network, optimiser, data, options, seed, epoch, device):
     """Train for one epoch, whose random numbers are its own; returns the mean loss and the last learning rate."""
     torch.manual_seed(int.from_bytes(hashlib.blake2b(f"{seed} {epoch}".encode(), digest_size=7).digest(), "little"))
     rng = np.random.default_rng([seed, epoch])
-    factor = cosine if options["schedule"] == "cosine" else network.decay
-    first = (epoch - 1) * network.planned_iterations // options["epochs"]
+    factor = cosine if options.schedule == "cosine" else network.decay
+    first = (epoch - 1) * network.planned_iterations // options.epochs
     losses = []
     network.train()
-    for number, batch in enumerate(batches(data.draw(rng), options["batch_size"], rng)):
-        rate = options["learning_rate"] * factor((first + number) / network.planned_iterations)
+    for number, batch in enumerate(batches(data.draw(rng), options.batch_size, rng)):
+        rate = options.learning_rate * factor((first + number) / network.planned_iterations)
         for group in optimiser.param_groups:
             group["lr"] = rate
         tensors = _tensors(batch, device)
-        if options["rotate"] and network.turns is not None:
+        if options.rotate and network.turns is not None:
             tensors = rotated(tensors, _angles(len(batch.past), network.turns).to(device))
         optimiser.zero_grad()
         loss = network.loss(tensors)
@@ -198,19 +235,19 @@ def _tensors(scenes, device):
     return Scenes(*(torch.from_numpy(part).to(device) for part in scenes))
 
 
-def _shape(dataset):
+def _shape(site):
     """Steps to the horizon, observed rows and time step [s]."""
-    return round(dataset["horizon_s"] / dataset["time_step_s"]), dataset["observed_rows"], dataset["time_step_s"]
+    return site.steps, site.observed_rows, site.time_step_s
 
 
-def _fingerprint(kind, options, learned, days, shape):
+def _fingerprint(kind, options, learning, code, days, shape):
     """A hash of all that decides the weights: settings, code where it is known, and everyone's positions."""
-    settings = [kind, options, learned["futures"], learned["seed"], learned.get("code"), shape]
+    settings = [kind.name, as_plain(options), learning.futures, learning.seed, code, shape]
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
     for day in days:
         digest.update(day.timezone.encode())
         for part in (*day.tracks[:4], day.rows):
-            digest.update(np.ascontiguousarray(part))
+            digest.update(np.ascontiguousarray(part))  # type: ignore[arg-type]
     return digest.hexdigest()
 
 

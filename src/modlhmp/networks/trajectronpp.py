@@ -8,8 +8,9 @@ ramp up within the observed steps; the log-likelihood counts the steps that are 
 import math
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
+from modlhmp.networks.data import Scenes
 from modlhmp.networks.network import Base, trimmed, truth_of
 
 RADIUS_M = 3.0  # of attention, also the scale of positions
@@ -40,7 +41,7 @@ class Encoder(nn.Module):
         self.score = nn.Linear(units, 1, bias=False)
         self.drop = nn.Dropout(0.25)
 
-    def forward(self, past, present):
+    def forward(self, past: Tensor, present: Tensor) -> tuple[Tensor, Tensor]:
         """Context [n, 2 * units] (edge, history) and the standardised present state [n, 6]."""
         scale = past.new_tensor(STATE_SCALE)
         states = kinematics(past, present, self.step_s)
@@ -62,6 +63,7 @@ class Network(Base):
     """127,654 parameters with `decoder` = 128 and 25 `modes`."""
 
     turns = 24
+    iteration: Tensor
 
     def __init__(self, steps, observed_rows, step_s, decoder=128, modes=25):
         super().__init__(steps, observed_rows, step_s)
@@ -78,7 +80,7 @@ class Network(Base):
         self.drop = nn.Dropout(0.25)
         self.register_buffer("iteration", torch.zeros((), dtype=torch.int64))
 
-    def loss(self, scenes):
+    def loss(self, scenes: Scenes) -> Tensor:
         """-(log-likelihood summed over steps - beta max(0.07, KL) + mutual information), a mean over the batch."""
         steps = trimmed(scenes)
         truth, mask = truth_of(scenes, steps)
@@ -96,7 +98,7 @@ class Network(Base):
         self.iteration += int(self.training)
         return -(log_likelihood - beta * kl.clamp(min=KL_FLOOR) + mutual_information(prior))
 
-    def encode_future(self, truth, mask, now):
+    def encode_future(self, truth: Tensor, mask: Tensor, now: Tensor) -> Tensor:
         """Both directions' last states of the true path, [n, 4 * FUTURE_UNITS]; padded steps are left out."""
         zeros = torch.zeros_like(self.future_h(now))
         first = tuple(torch.stack([layer(now), zeros]) for layer in (self.future_h, self.future_c))
@@ -104,7 +106,9 @@ class Network(Base):
         last = self.future(packed, first)[1]
         return self.drop(torch.cat([part for state in last for part in state], -1))
 
-    def decode(self, context, now, z, steps, sample):
+    def decode(
+        self, context: Tensor, now: Tensor, z: Tensor, steps: int, sample: bool
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """Velocity Gaussians of latent values: mean [n, Z, T, 2], log sigma [n, Z, T, 2], correlation [n, Z, T].
 
         `z` is [Z], the same for all, or [n, 1]. Fed back is a reparameterised sample, or the mean. The GRU's input is
@@ -127,25 +131,28 @@ class Network(Base):
             correlation = torch.tanh(correlation[..., 0])
             outputs.append((mean, log_sigma, correlation))
             velocity = draw(mean, log_sigma, correlation) if sample else mean
-        return [torch.stack(part, 1).unflatten(0, (n, -1)) for part in zip(*outputs, strict=True)]
+        mean, log_sigma, correlation = (
+            torch.stack(part, 1).unflatten(0, (n, -1)) for part in zip(*outputs, strict=True)
+        )
+        return mean, log_sigma, correlation
 
-    def forecast(self, past, present, keys, where=None):
+    def forecast(self, past: Tensor, present: Tensor, keys: Tensor, where: Tensor | None = None) -> Tensor:
         """The most likely latent value's path of mean velocities (the originals' z mode and mixture mode)."""
         context, now = self.encoder(past, present)
         best = self.prior(context).argmax(-1, keepdim=True)
         mean, _, _ = self.decode(context, now, best, self.steps, sample=False)
         return self.step_s * mean.cumsum(2)
 
-    def decay(self, done):
-        """0.9999 an iteration."""
+    def decay(self, done: float) -> float:
+        """0.9999 per iteration."""
         return DECAY_AN_ITERATION ** (done * self.planned_iterations)
 
-    def clip(self):
+    def clip(self) -> None:
         """By value."""
         nn.utils.clip_grad_value_(self.parameters(), GRADIENT_CLIP)
 
 
-def backward_difference(values, present, step_s):
+def backward_difference(values: Tensor, present: Tensor, step_s: float) -> Tensor:
     """Derivative [.., T, D] along time from this and the step before; the first present one copies the second's."""
     before = nn.functional.pad(present, (1, 0))[..., :-1]
     known = (present & before)[..., None]
@@ -154,22 +161,21 @@ def backward_difference(values, present, step_s):
     return torch.where(known, rate, torch.where(present[..., None], after, 0.0))
 
 
-def kinematics(xy, present, step_s):
+def kinematics(xy: Tensor, present: Tensor, step_s: float) -> Tensor:
     """Position, velocity and acceleration, [.., T, 6]."""
     velocity = backward_difference(xy, present, step_s)
     return torch.cat([xy, velocity, backward_difference(velocity, present, step_s)], -1)
 
 
-def edge_ramp(adjacent):
+def edge_ramp(adjacent: Tensor) -> Tensor:
     """Strength of edges [.., T] from adjacency [.., T] (bool): rises along `EDGE_RAMP`, falls at once."""
     edges = adjacent.float()
-    strength = sum(
-        weight * nn.functional.pad(edges, (lag, 0))[..., : edges.shape[-1]] for lag, weight in enumerate(EDGE_RAMP)
-    )
+    lagged = [nn.functional.pad(edges, (lag, 0))[..., : edges.shape[-1]] for lag in range(len(EDGE_RAMP))]
+    strength = sum((weight * edge for weight, edge in zip(EDGE_RAMP, lagged, strict=True)), torch.zeros_like(edges))
     return strength.clamp(max=1.0) * edges
 
 
-def annealed(iteration, planned):
+def annealed(iteration: int, planned: int) -> tuple[float, float]:
     """Weight of the KL term and bound of the logits at an iteration of `planned`."""
     at = iteration * (FULL_ANNEALING / planned if 0 < planned < FULL_ANNEALING else 1.0)
     low, high = LOGIT_CLIP
@@ -177,12 +183,12 @@ def annealed(iteration, planned):
     return beta, low + (high - low) / (1 + math.exp(-(at - CLIP_CENTRE) / CLIP_WIDTH))
 
 
-def clipped(logits, bound):
+def clipped(logits: Tensor, bound: float) -> Tensor:
     """Logits around 0 within `bound`: a training aid only."""
     return (logits - logits.mean(-1, keepdim=True)).clamp(-bound, bound)
 
 
-def mutual_information(p):
+def mutual_information(p: Tensor) -> Tensor:
     """H(mean of p) - mean of H(p) of categorical distributions [n, K]."""
 
     def entropy(q):
@@ -191,7 +197,7 @@ def mutual_information(p):
     return entropy(p.mean(0)) - entropy(p).mean()
 
 
-def gru_step(from_input, hidden, cell):
+def gru_step(from_input: Tensor, hidden: Tensor, cell: nn.GRUCell) -> Tensor:
     """A GRUCell's step whose input products, bias included, are given."""
     reset, update, new = from_input.chunk(3, -1)
     h_reset, h_update, h_new = nn.functional.linear(hidden, cell.weight_hh, cell.bias_hh).chunk(3, -1)
@@ -200,26 +206,26 @@ def gru_step(from_input, hidden, cell):
     return torch.lerp(new, hidden, update)
 
 
-def draw(mean, log_sigma, correlation):
+def draw(mean: Tensor, log_sigma: Tensor, correlation: Tensor) -> Tensor:
     """A reparameterised sample of bivariate normals."""
     a, b = torch.randn_like(mean).unbind(-1)
     along = correlation * a + torch.sqrt((1 - correlation**2).clamp(min=1e-5)) * b
     return mean + torch.exp(log_sigma) * torch.stack([a, along], -1)
 
 
-def integrate(mean, log_sigma, correlation, step_s):
+def integrate(mean: Tensor, log_sigma: Tensor, correlation: Tensor, step_s: float) -> tuple[Tensor, Tensor]:
     """Position Gaussians of velocity ones: means [.., T, 2], variances (xx, yy, xy) [.., T, 3], summed over time."""
     return step_s * mean.cumsum(-2), step_s**2 * moments_of(log_sigma, correlation).cumsum(-2)
 
 
-def moments_of(log_sigma, correlation):
+def moments_of(log_sigma: Tensor, correlation: Tensor) -> Tensor:
     """Variances (xx, yy, xy) [.., 3] of bivariate normals."""
     sigma = torch.exp(log_sigma)
     covariance = correlation * sigma.prod(-1)
     return torch.cat([(sigma**2).clamp(min=1e-8), covariance[..., None]], -1)
 
 
-def mixture_log_density(xy, mean, moments):
+def mixture_log_density(xy: Tensor, mean: Tensor, moments: Tensor) -> Tensor:
     """Log density [.., T] of positions [.., T, 2] under each Gaussian."""
     dx, dy = (xy - mean).unbind(-1)
     xx, yy, xy_ = moments.unbind(-1)

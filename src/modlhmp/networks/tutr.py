@@ -8,8 +8,9 @@ all the time; modes come from k-means++ and at most 30 Lloyd steps over futures 
 import math
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
+from modlhmp.networks.data import Scenes
 from modlhmp.networks.network import Base, masked_mean, turning
 
 NEAR_M = 2.0  # mean distance of a neighbour over the observation
@@ -29,7 +30,7 @@ class Block(nn.Module):
         self.norms = nn.ModuleList([nn.LayerNorm(width, eps=1e-6) for _ in range(2)])
         self.drop = nn.Dropout(0.1)
 
-    def forward(self, x, others, absent=None):
+    def forward(self, x: Tensor, others: Tensor, absent: Tensor | None = None) -> Tensor:
         """Tokens x [n, Q, width] attending to others [n, S, width], of which those `absent` [n, S] do not count."""
         seen = self.attention(self.query(x), self.key(others), others, absent, need_weights=False)[0]
         x = self.drop(self.norms[0](x + seen))
@@ -38,6 +39,8 @@ class Block(nn.Module):
 
 class Network(Base):
     """463,737 parameters with `width` = 128 and 60 steps; its `modes` are centres of clusters of training futures."""
+
+    modes: Tensor
 
     def __init__(self, steps, observed_rows, step_s, width=128, modes=50, heads=4):
         super().__init__(steps, observed_rows, step_s)
@@ -49,12 +52,12 @@ class Network(Base):
         self.path = nn.Linear(width, 2 * steps)
         self.register_buffer("modes", torch.zeros(modes, steps, 2))
 
-    def prepare(self, scenes):
+    def prepare(self, scenes: Scenes) -> None:
         """Find the general motion modes."""
         frame = own_frame(scenes.past)
         self.modes.copy_(motion_modes(scenes.future[:, 0] @ frame, scenes.future_present[:, 0], len(self.modes)))
 
-    def tokens(self, past):
+    def tokens(self, past: Tensor) -> tuple[Tensor, Tensor]:
         """Encoded mode tokens [n, K, width] and their logits [n, K] from observed positions in the walker's frame."""
         n, modes = len(past), len(self.modes)
         observed, of_mode = past.flatten(1), self.modes.flatten(1)
@@ -64,7 +67,7 @@ class Network(Base):
             x = block(x, x)
         return x.view(n, modes, -1), self.score(x)[..., 0]
 
-    def decode(self, token, past, present):
+    def decode(self, token: Tensor, past: Tensor, present: Tensor) -> Tensor:
         """Paths [n, steps, 2] of one token each [n, width], seeing the neighbours; all in the walkers' frames."""
         distance = torch.linalg.vector_norm(past - past[:, :1], dim=-1)
         # The walker is the first of them, so that there is always somebody.
@@ -72,7 +75,7 @@ class Network(Base):
         others = self.neighbour_token(past.flatten(2))
         return self.path(self.decoder(token[:, None], others, absent)[:, 0]).view(-1, self.steps, 2)
 
-    def loss(self, scenes):
+    def loss(self, scenes: Scenes) -> Tensor:
         """Smooth L1 of the closest mode's path, plus cross-entropy of the scores against softened closeness."""
         frame = own_frame(scenes.past)
         scale = frame.new_ones(len(frame), 1, 1)
@@ -87,7 +90,7 @@ class Network(Base):
         error = nn.functional.smooth_l1_loss(path, torch.where(mask[..., None], future, 0.0), reduction="none").mean(-1)
         return masked_mean(error, mask) + nn.functional.cross_entropy(logits, torch.softmax(-distance, 1))
 
-    def forecast(self, past, present, keys, where=None):
+    def forecast(self, past: Tensor, present: Tensor, keys: Tensor, where: Tensor | None = None) -> Tensor:
         """The path of the highest score."""
         frame = own_frame(past)
         turned = past @ frame[:, None]
@@ -96,13 +99,13 @@ class Network(Base):
         return (self.decode(best, turned, present) @ frame.transpose(1, 2))[:, None]
 
 
-def own_frame(past):
-    """Rotations [n, 2, 2] for row vectors that bring each walker's first observed position onto the positive x axis."""
+def own_frame(past: Tensor) -> Tensor:
+    """Rotations [n, 2, 2] for row vectors that turn each walker's first observed position onto the positive x axis."""
     first = past[:, 0, 0]
     return turning(-torch.atan2(first[:, 1], first[:, 0]))
 
 
-def mode_distance(future, mask, modes):
+def mode_distance(future: Tensor, mask: Tensor, modes: Tensor) -> Tensor:
     """Distance [n, K] of futures [n, T, 2] to modes over the present steps, scaled to the whole horizon."""
     weights = mask.to(future.dtype)
     future = torch.where(mask[..., None], future, 0.0)
@@ -114,7 +117,7 @@ def mode_distance(future, mask, modes):
     return torch.sqrt(squared.clamp(min=0.0) * whole)
 
 
-def motion_modes(future, mask, number):
+def motion_modes(future: Tensor, mask: Tensor, number: int) -> Tensor:
     """Centres [number, T, 2] of k-means over futures [n, T, 2], each compared over the steps it has.
 
     A centre at a step is the mean of its members that are there, or goes on as it moved if none is. Starts with
@@ -139,7 +142,7 @@ def motion_modes(future, mask, number):
     return centres
 
 
-def extended(paths, mask):
+def extended(paths: Tensor, mask: Tensor) -> Tensor:
     """Paths whose steps after the last present one go on at its mean velocity from the origin; [n, T, 2]."""
     steps = torch.arange(1, paths.shape[1] + 1)
     last = torch.where(mask, steps, 0).amax(1).clamp(min=1)

@@ -1,37 +1,54 @@
 """Readers: one recording file in, rows in SI units and the account of every row out."""
 
+import math
 from datetime import datetime, time, timedelta
+from pathlib import Path
+from typing import Any, cast
 from zoneinfo import ZoneInfo
 
+from modlhmp.account import Account
+from modlhmp.file_format import FileFormat
 from modlhmp.readers import atc, edinburgh
 from modlhmp.readers.delimited import read_delimited
+from modlhmp.storage import DataError
+from modlhmp.tracks import Tracks
 
 
-def read_recording(path, dataset, recording):
-    """Read `path` with the dataset's reader; returns (Tracks in the file's own sampling, Account).
+def read_recording(
+    path: str | Path, form: FileFormat, day: str = "", start: str | None = None
+) -> tuple[Tracks, Account]:
+    """Read `path` with the format's reader; returns (Tracks in the file's own sampling, Account).
 
-    `recording` says the `day` (ISO date) and, where the file has no clock, at what local time it `start`s.
+    `day` is the local date (ISO), without which rows of every day are kept; `start` is the local time at which a file
+    without a clock begins. `DataError` where a start has no day.
     """
-    day, origin = _day_and_origin(dataset["timezone"], recording)
-    reader = dataset["reader"]
-    if reader == "edinburgh":
-        return edinburgh.read_raw(path, dataset["frame_rate"], dataset["scale"], origin)
-    if reader == "edinburgh_rows":
-        return edinburgh.read_rows(path, dataset["frame_rate"], dataset["row_stride"], dataset["scale"], origin, day)
-    layout = {"atc": atc.RAW_LAYOUT, "atc_1hz": atc.ONE_HZ_LAYOUT}.get(reader) or {
-        key: dataset[key]
-        for key in ("columns", "separator", "header", "units", "scale", "frame_rate")
-        if dataset.get(key) is not None
+    limits, origin = _day_and_origin(form.timezone, day, start)
+    frame_rate, row_stride, scale = (cast(Any, value) for value in (form.frame_rate, form.row_stride, form.scale))
+    if form.reader == "edinburgh":
+        return edinburgh.read_raw(path, frame_rate, scale, origin)
+    if form.reader == "edinburgh_rows":
+        return edinburgh.read_rows(path, frame_rate, row_stride, scale, origin, limits)
+    layout = {"atc": atc.RAW_LAYOUT, "atc_1hz": atc.ONE_HZ_LAYOUT}.get(form.reader) or {
+        "columns": form.columns.given() if form.columns else {},
+        "separator": form.separator,
+        "header": form.header,
+        "units": {"time": form.units.time, "length": form.units.length, "angle": form.units.angle},
+        "scale": form.scale,
+        "frame_rate": form.frame_rate,
     }
-    return read_delimited(path, {**layout, "origin": origin}, day, dataset["time_step_s"])
+    return read_delimited(path, {**layout, "origin": origin}, limits, form.time_step_s)
 
 
-def _day_and_origin(timezone, recording):
+def _day_and_origin(timezone: str, day: str, start: str | None) -> tuple[tuple[float, float], float]:
     """((first, last) unix second of the day, unix time of the file's time 0)."""
+    if not day:
+        if start is not None:
+            raise DataError(f"start {start!r}: say the `day` that it is the clock time of")
+        return (-math.inf, math.inf), 0.0
     zone = ZoneInfo(timezone)
-    date = datetime.fromisoformat(recording["day"])
+    date = datetime.fromisoformat(day)
     midnight = date.replace(tzinfo=zone)
-    day = midnight.timestamp(), (date + timedelta(days=1)).replace(tzinfo=zone).timestamp()
-    if recording.get("start") is None:
-        return day, 0.0
-    return day, datetime.combine(date, time.fromisoformat(recording["start"]), zone).timestamp()
+    limits = midnight.timestamp(), (date + timedelta(days=1)).replace(tzinfo=zone).timestamp()
+    if start is None:
+        return limits, 0.0
+    return limits, datetime.combine(date, time.fromisoformat(start), zone).timestamp()

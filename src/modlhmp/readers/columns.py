@@ -7,13 +7,16 @@ import codecs
 import csv
 import itertools
 from collections import deque
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
+from modlhmp.account import Account
 from modlhmp.kernels import kernel
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
@@ -24,8 +27,8 @@ THREADS = 2
 class Form(NamedTuple):
     """Form of a file: `fields` are wanted from the columns at `positions` of `width`."""
 
-    fields: tuple
-    positions: list
+    fields: tuple[str, ...]
+    positions: list[int]
     width: int
     separator: str
 
@@ -33,12 +36,12 @@ class Form(NamedTuple):
 class Parsed(NamedTuple):
     """A block's regular lines as numbers [fields, regular lines]; the ends of all lines and which are regular."""
 
-    values: np.ndarray
+    values: np.ndarray | list[np.ndarray]
     ends: np.ndarray
     regular: np.ndarray
 
 
-def read_columns(path, layout, account):
+def read_columns(path: str | Path, layout: Mapping[str, Any], account: Account) -> Iterator[dict[str, np.ndarray]]:
     """Yield the columns of one block after the other as a dict of arrays; `layout` as in `delimited`.
 
     `row` is the row's number in the file, `track_id` int64, everything else float, NaN where a value is missing.
@@ -54,7 +57,7 @@ def read_columns(path, layout, account):
 
 def _parsed_ahead(pool, form, blocks):
     """Each block and the future of its parsing, in order, a few blocks ahead of the caller."""
-    waiting = deque()
+    waiting: deque[Any] = deque()
     for block in blocks:
         waiting.append((block, pool.submit(parse, form, block)))
         if len(waiting) > THREADS:
@@ -62,12 +65,12 @@ def _parsed_ahead(pool, form, blocks):
     yield from waiting
 
 
-def parse(form, block):
+def parse(form: Form, block: bytes) -> Parsed:
     """Parse the regular lines of a block of whole lines; safe to run in threads."""
     wanted = np.isin(np.arange(form.width), form.positions)
     ends, regular = _scan(np.frombuffer(block, np.uint8), _byte_kinds(form.separator), wanted)
     names = [str(position) for position in range(form.width)]
-    values = np.empty((len(form.fields), 0))
+    values: np.ndarray | list[np.ndarray] = np.empty((len(form.fields), 0))
     if regular.any():
         try:
             table = pa_csv.read_csv(
@@ -182,7 +185,7 @@ def _lines(block, ends, chosen):
     if chosen.all():
         return block
     starts = np.concatenate([[0], ends[:-1] + 1])
-    # One piece a run of neighbouring lines.
+    # One piece per run of neighbouring lines.
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
     return b"".join(block[starts[i] : ends[j - 1] + 1] for i, j in edges.reshape(-1, 2))
 

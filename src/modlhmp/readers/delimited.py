@@ -1,15 +1,20 @@
-"""Any recording in delimited text: one row a person and time, columns by name or position, units as said.
+"""Any recording in delimited text: one row per person and time, columns by name or position, units as said.
 
 The ATC readers are layouts of this one. Files are read in blocks; where rows carry velocities, each block is at
 once reduced to the last sample of every person and time step, so memory does not follow the raw rate.
 """
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
+from modlhmp.account import Account
 from modlhmp.angles import wrap_angle
-from modlhmp.readers.account import Account
 from modlhmp.readers.columns import read_columns
 from modlhmp.storage import DataError
+from modlhmp.time_step import last_of_step, without_repeats
 from modlhmp.tracks import Tracks, concatenate
 
 MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fault, not a walking person
@@ -20,10 +25,12 @@ _SECONDS = {"s": 1.0, "ms": 0.001}
 FIELDS = ("track_id", "t", "x", "y", "speed", "heading")
 
 
-def read_delimited(path, layout, day=None, step_s=1.0):
+def read_delimited(
+    path: str | Path, layout: Mapping[str, Any], day: tuple[float, float] | None = None, step_s: float = 1.0
+) -> tuple[Tracks, Account]:
     """Read a file into rows sorted by track and time.
 
-    `layout` holds `columns` (field -> position from 0, or name with `header: true`), `width` (columns a row, None:
+    `layout` holds `columns` (field -> position from 0, or name with `header: true`), `width` (columns per row, None:
     as the first row has), `separator`, `header`, `units` {time: s|ms|frame, length: m|cm|mm|px, angle: rad|deg},
     `scale` [m/px], `frame_rate` [1/s], `origin` (unix time of time 0). `day` = (first, last) unix second of the
     recording's day; rows outside are dropped. With speed and heading columns the last sample of each `step_s` is
@@ -37,34 +44,12 @@ def read_delimited(path, layout, day=None, step_s=1.0):
         latest = np.maximum.accumulate(np.concatenate([[previous], rows.t]))
         account.notes["rows_out_of_time_order"] += int(np.sum(rows.t < latest[:-1]))
         previous = latest[-1]
-        pieces.append(_last_of_step(rows, step_s, account) if has_velocity else rows)
+        pieces.append(last_of_step(rows, step_s, account) if has_velocity else rows)
     rows = concatenate(pieces)
-    rows = _last_of_step(rows, step_s, account) if has_velocity else _without_repeats(_sort(rows), account)
+    rows = last_of_step(rows, step_s, account) if has_velocity else without_repeats(rows, account)
     if not len(rows.t):
         raise DataError(f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
     return rows, account
-
-
-def _sort(rows):
-    return rows.take(np.lexsort((rows.t, rows.track_id)))
-
-
-def _without_repeats(rows, account):
-    """Sorted rows without further rows of the same person and time: the first one counts."""
-    repeated = np.zeros(len(rows.t), bool)
-    repeated[1:] = (np.diff(rows.track_id) == 0) & (np.diff(rows.t) == 0)
-    account.drop_rows("duplicate_row", repeated.sum())
-    return rows.take(~repeated)
-
-
-def _last_of_step(rows, step_s, account):
-    """Keep each person's last sample of each time step, as the 1 Hz ATC files do."""
-    rows = _without_repeats(_sort(rows), account)
-    bins = np.floor(rows.t / step_s + 1e-4)  # a clock's rounding does not move a row into the step before
-    overtaken = np.zeros(len(rows.t), bool)
-    overtaken[:-1] = (np.diff(rows.track_id) == 0) & (np.diff(bins) == 0)
-    account.drop_rows("downsampled", overtaken.sum())
-    return rows.take(~overtaken)
 
 
 def _to_si(values, layout):

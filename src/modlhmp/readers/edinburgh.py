@@ -1,14 +1,15 @@
 """The Edinburgh Informatics Forum's two forms: the owner's raw text, and days of every 4th frame as rows.
 
 B. Majecka, Statistical models of pedestrian behaviour in the Forum, MSc dissertation, University of Edinburgh, 2009.
-Positions are pixels (y downwards), times are capture frames, about 9 a second; there is no clock in the files.
+Positions are pixels (y downwards), times are capture frames, about 9 per second; there is no clock in the files.
 """
 
 import re
+from pathlib import Path
 
 import numpy as np
 
-from modlhmp.readers.account import Account
+from modlhmp.account import Account
 from modlhmp.readers.delimited import MAX_DISTANCE_M, read_delimited
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
@@ -26,7 +27,14 @@ _POINTS = re.compile(rb"(?:\s*\[\s*[^\s\[\];]+\s+[^\s\[\];]+\s+[^\s\[\];]+\s*\]\
 _SPACES = bytes.maketrans(b"[];", b"   ")
 
 
-def read_rows(path, frame_rate, row_stride, scale, origin, day=None):
+def read_rows(
+    path: str | Path,
+    frame_rate: float,
+    row_stride: int,
+    scale: float,
+    origin: float,
+    day: tuple[float, float] | None = None,
+) -> tuple[Tracks, Account]:
     """Read a day of rows `frame, track_id, x, y`, each `row_stride` raw frames after the one before.
 
     The frame column is the track's first raw frame plus the row number, so the true time of a row is
@@ -39,7 +47,7 @@ def read_rows(path, frame_rate, row_stride, scale, origin, day=None):
     return tracks._replace(t=first + row_stride * (tracks.t - first)), account
 
 
-def read_raw(path, frame_rate, scale, origin):
+def read_raw(path: str | Path, frame_rate: float, scale: float, origin: float) -> tuple[Tracks, Account]:
     """Read the owner's `TRACK.Rn=[[x y frame];...]` text; returns (Tracks, Account), headings unknown.
 
     Points with a frame not later than an earlier one are dropped (`frame_not_increasing`), as are points that are
@@ -71,9 +79,8 @@ def read_raw(path, frame_rate, scale, origin):
         )
     if not pieces:
         raise DataError(f"{path}: no usable point; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
-    return concatenate(
-        _to_si(*piece, frame_rate, scale, origin) for piece in sorted(pieces, key=lambda p: p[0])
-    ), account
+    pieces.sort(key=lambda piece: piece[0])
+    return concatenate(_to_si(track, points, frame_rate, scale, origin) for track, points in pieces), account
 
 
 def _track(path, line, number, limits, account):

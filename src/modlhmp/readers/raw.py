@@ -5,7 +5,9 @@ import contextlib
 import gzip
 import zipfile
 import zlib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import IO, cast
 
 from tqdm.utils import CallbackIOWrapper
 
@@ -16,7 +18,7 @@ COMPRESSED = (".gz", ".bz2", ".zip")
 BLOCK_BYTES = 1 << 22
 
 
-def archive_and_member(path):
+def archive_and_member(path: str | Path) -> tuple[Path, str | None]:
     """Split `day.zip/member.csv` into (`day.zip`, `member.csv`); a plain path gives (path, None)."""
     path = Path(path)
     for parent in path.parents:
@@ -25,7 +27,7 @@ def archive_and_member(path):
     return path, None
 
 
-def find_recording(path):
+def find_recording(path: str | Path) -> Path | None:
     """The file that holds a recording: `path` itself, `path` + .gz / .bz2 / .zip, or None."""
     file, member = archive_and_member(path)
     candidates = [file] if member else [file, *(file.with_name(file.name + suffix) for suffix in COMPRESSED)]
@@ -34,7 +36,7 @@ def find_recording(path):
 
 
 @contextlib.contextmanager
-def open_raw(path):
+def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
     """Open a recording as a binary stream; `DataError` for a missing, empty or damaged file."""
     file, member = archive_and_member(path)
     try:
@@ -48,7 +50,7 @@ def open_raw(path):
             elif file.suffix in {".gz", ".bz2"}:
                 yield stack.enter_context({".gz": gzip, ".bz2": bz2}[file.suffix].open(counted))
             else:
-                yield counted
+                yield cast(IO[bytes], counted)
     except FileNotFoundError:
         raise DataError(f"{file}: no such file; put the recording there or correct `data_root`") from None
     except KeyError:
@@ -61,7 +63,7 @@ def open_raw(path):
         raise DataError(f"{file}: cannot be read ({error})") from None
 
 
-def line_blocks(path, size=BLOCK_BYTES):
+def line_blocks(path: str | Path, size: int = BLOCK_BYTES) -> Iterator[bytes]:
     """Yield the file as byte blocks of whole lines, about `size` bytes each; `DataError` if it is empty."""
     rest, seen = b"", False
     with open_raw(path) as file:

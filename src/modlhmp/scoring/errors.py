@@ -2,13 +2,15 @@
 
 import numpy as np
 
-from modlhmp.floor_plan import value_at
-from modlhmp.tracks import positions_at
+from modlhmp.floor_plan import FloorPlan, value_at
+from modlhmp.tracks import Tracks, positions_at
 
 MIN_DEPTH_M = 0.3  # a path this deep inside occupied area is infeasible
 
 
-def ground_truth(tracks, rows, observed_rows, steps, step_s=1.0):
+def ground_truth(
+    tracks: Tracks, rows: np.ndarray, observed_rows: int, steps: int, step_s: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Positions at t0 + 1, 2, ... steps, linearly interpolated: (xy [n, T, 2], seconds of truth [n] as steps).
 
     `rows` [n, 2] are the first and last row of each track. Positions beyond a track's end are NaN; the number of
@@ -22,13 +24,13 @@ def ground_truth(tracks, rows, observed_rows, steps, step_s=1.0):
     return xy, length
 
 
-def displacement_errors(xy, truth):
+def displacement_errors(xy: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """ADE and FDE [m] of each future at every horizon, both [n, k, T]; NaN beyond the truth."""
     fde = np.hypot(xy[..., 0] - truth[:, None, :, 0], xy[..., 1] - truth[:, None, :, 1])
     return np.cumsum(fde, axis=-1) / np.arange(1, fde.shape[-1] + 1), fde
 
 
-def is_idle(tracks, rows, apart=5, min_displacement_m=1.0):
+def is_idle(tracks: Tracks, rows: np.ndarray, apart: int = 5, min_displacement_m: float = 1.0) -> np.ndarray:
     """Whether any two rows `apart` of each other in a track are less than `min_displacement_m` apart; [n].
 
     The ATC idle filter of the `paper` protocol. It looks at the whole track, its future included.
@@ -42,7 +44,7 @@ def is_idle(tracks, rows, apart=5, min_displacement_m=1.0):
     return close[last] > close[rows[:, 0]]
 
 
-def enters_occupied(plan, depth, start, xy):
+def enters_occupied(plan: FloorPlan, depth: np.ndarray, start: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """Whether a path has been `MIN_DEPTH_M` or more inside occupied area by each step and had not started there.
 
     `plan` and `depth` as in `modlhmp.floor_plan`; `start` [n, 2] are the positions at t0, `xy` [n, ..., T, 2] the
@@ -53,7 +55,7 @@ def enters_occupied(plan, depth, start, xy):
     return inside & outside_at_start.reshape(-1, *[1] * (xy.ndim - 2))
 
 
-def nan_mean(values, axis):
+def nan_mean(values: np.ndarray, axis: int) -> np.ndarray:
     """Mean over the finite values along an axis; NaN (without a warning) where there is none."""
     finite = np.isfinite(values)
     number = finite.sum(axis=axis)

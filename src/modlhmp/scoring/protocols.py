@@ -6,15 +6,23 @@ complete: every eligible track is scored; stopped futures are held at their last
 the longest-lived counts.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from modlhmp.forecasting.ranking import most_likely
+from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.ranking import longest_lived, most_likely
 from modlhmp.scoring.errors import displacement_errors
 
 PROTOCOLS = ("paper", "complete")
 
 
-def score(forecast, truth, eligible_steps, infeasible=None):
+def score(
+    forecast: Forecast,
+    truth: np.ndarray,
+    eligible_steps: Mapping[str, np.ndarray],
+    infeasible: np.ndarray | None = None,
+) -> dict[tuple[str, str], dict[str, np.ndarray]]:
     """Errors at every horizon of each track.
 
     `truth` [n, T, 2]; `eligible_steps` maps a protocol to the number of steps [n] to which a track is eligible;
@@ -51,12 +59,6 @@ def score(forecast, truth, eligible_steps, infeasible=None):
             unknown = {m: np.full(missing.shape, np.nan) for m in values.keys() - path.keys()}  # walls: of futures only
             scores["mean_path", protocol] = {**path, **unknown}
     return scores
-
-
-def longest_lived(steps_alive, steps):
-    """Which of the futures [n, k] have lived longest at each of `steps` horizons, bool [n, k, T]."""
-    lived = np.minimum(steps_alive[:, :, None], np.arange(1, steps + 1))
-    return lived == lived.max(axis=1, keepdims=True)
 
 
 def _pick(values, best, outside):

@@ -1,10 +1,12 @@
 """Paired one-sided t-tests between methods: is the first one's error smaller on the same tracks?"""
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy import stats
 
 
-def paired_test(ours, theirs):
+def paired_test(ours: np.ndarray, theirs: np.ndarray) -> tuple[int, float, float, float, float, float, float]:
     """Test H1: mean(ours - theirs) < 0 on the tracks that both scored.
 
     Returns (n, mean difference, low and high end of its two-sided 95 % interval, Cohen's d_z, t, p); all but n are
@@ -15,14 +17,14 @@ def paired_test(ours, theirs):
     n = int(both.sum())
     if n < 2 or np.ptp(difference) == 0:
         mean = difference.mean() if n else np.nan
-        return n, mean, *[np.nan] * 5
+        return n, mean, np.nan, np.nan, np.nan, np.nan, np.nan
     less = stats.ttest_rel(ours[both], theirs[both], alternative="less")
     interval = stats.ttest_rel(ours[both], theirs[both]).confidence_interval(0.95)
     effect = difference.mean() / difference.std(ddof=1)
     return n, difference.mean(), interval.low, interval.high, effect, less.statistic, less.pvalue
 
 
-def holm(p):
+def holm(p: Sequence[float] | np.ndarray) -> np.ndarray:
     """Holm's step-down adjusted p values; NaN stay NaN and do not count."""
     p = np.asarray(p, float)
     adjusted, finite = np.full(len(p), np.nan), np.flatnonzero(np.isfinite(p))

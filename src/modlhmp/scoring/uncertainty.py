@@ -4,22 +4,32 @@ Energy score: T. Gneiting, A. Raftery, J. Am. Stat. Assoc. 102, 2007, in the for
 samples: C. Ferro, Q. J. R. Meteorol. Soc. 140, 2014.
 """
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.forecasting.ranking import most_likely
+from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.ranking import longest_lived, most_likely
 from modlhmp.kernels import kernel
 from modlhmp.scoring.errors import displacement_errors, ground_truth, nan_mean
-from modlhmp.scoring.protocols import longest_lived
-from modlhmp.tracks import usable_tracks
+from modlhmp.site import Site
+from modlhmp.tracks import Tracks, usable_tracks
 
 SAMPLES = 40  # of a distribution, so that every method is judged by as many
 BEST_OF = 5
 MEASURES = ("energy_m", "best_ade_m", "best_fde_m", "expected_m", "real_m", "samples", "left", "has_left")
 
 
-def score_samples(tracks, forecasts, recording, dataset, k, horizons_s):
-    """The `MEASURES` of one method's forecasts of one recording; a table, one row a track and seed.
+def score_samples(
+    tracks: Tracks,
+    forecasts: Iterable[tuple[int, np.ndarray, Forecast]],
+    recording: str,
+    site: Site,
+    k: int,
+    horizons_s: Sequence[float],
+) -> pa.Table:
+    """The `MEASURES` of one method's forecasts of one recording; a table, one row per track and seed.
 
     `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other, and `k` is the method's own
     number of futures, of which there may be more. Each measure is a list over `horizons_s`, NaN where the track is
@@ -28,10 +38,10 @@ def score_samples(tracks, forecasts, recording, dataset, k, horizons_s):
     `samples` how many the distribution has. `left` is the probability that the person has left by then, `has_left`
     (0 or 1) whether they had; these two are known for every track.
     """
-    rows = usable_tracks(tracks, dataset["observed_rows"])
-    step_s = dataset["time_step_s"]
+    rows = usable_tracks(tracks, site.observed_rows)
+    step_s = site.time_step_s
     steps = np.rint(np.asarray(horizons_s) / step_s).astype(int)
-    truth, length = ground_truth(tracks, rows, dataset["observed_rows"], round(dataset["horizon_s"] / step_s), step_s)
+    truth, length = ground_truth(tracks, rows, site.observed_rows, site.steps, step_s)
     ids, tables = tracks.track_id[rows[:, 0]], []
     for seed, track_ids, forecast in forecasts:
         mine, n = np.searchsorted(ids, track_ids), len(track_ids)
@@ -44,7 +54,9 @@ def score_samples(tracks, forecasts, recording, dataset, k, horizons_s):
     return pa.concat_tables(tables).unify_dictionaries()
 
 
-def measures(forecast, truth, length, k, steps):
+def measures(
+    forecast: Forecast, truth: np.ndarray, length: np.ndarray, k: int, steps: np.ndarray
+) -> dict[str, np.ndarray]:
     """{measure: [n, H] float32} after each of `steps` [H]; `truth` [n, T, 2], `length` [n] steps of it."""
     xy, steps_alive = samples_of(forecast)
     output, repeated = own_output(forecast, k), repeats(xy, steps_alive)
@@ -66,13 +78,13 @@ def measures(forecast, truth, length, k, steps):
     return found
 
 
-def samples_of(forecast):
+def samples_of(forecast: Forecast) -> tuple[np.ndarray, np.ndarray]:
     """The futures that are samples, `xy` [n, m, T, 2] and `steps_alive` [n, m]: all but a median."""
     first = 1 if forecast.output == "median" else 0
     return forecast.xy[:, first:], forecast.steps_alive[:, first:]
 
 
-def own_output(forecast, k):
+def own_output(forecast: Forecast, k: int) -> np.ndarray:
     """The path [n, T, 2] that the method gives as its one result, ranked at each step among its first `k` futures."""
     if forecast.output != "ranked":
         return forecast.xy[:, 0]
@@ -81,7 +93,9 @@ def own_output(forecast, k):
     return np.take_along_axis(own.xy, best[:, None, :, None], axis=1)[:, 0]
 
 
-def still_there(xy, steps_alive, repeated, step, most=SAMPLES):
+def still_there(
+    xy: np.ndarray, steps_alive: np.ndarray, repeated: np.ndarray, step: int, most: int = SAMPLES
+) -> np.ndarray:
     """The distribution after `step` steps: positions [n, `most`, 2], NaN where there are fewer.
 
     They are those of the first samples that are still alive, given that the person is still there; where none is, the
@@ -117,7 +131,7 @@ def _same(path, other):
     return True
 
 
-def energy_score(points, truth):
+def energy_score(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Energy score [n] in m of samples [n, m, 2] (NaN: none) for what happened, `truth` [n, 2]; lower is better.
 
     Mean distance from the truth less half the mean distance between two different samples; one sample's is its error.
@@ -127,6 +141,6 @@ def energy_score(points, truth):
     return nan_mean(distance(points, truth[:, None]), axis=1) - between / np.maximum(2 * number * (number - 1), 1)
 
 
-def distance(a, b):
+def distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Distance [m] between positions [..., 2]."""
     return np.hypot(a[..., 0] - b[..., 0], a[..., 1] - b[..., 1])

@@ -1,25 +1,28 @@
-"""Table claims: every claim of the paper's results section beside our test of it and a verdict.
+"""Every claim of the paper's results section beside our test of it and a verdict.
 
 Tests are paired and one-sided on the tracks that both sides scored (`scoring.ttests.paired_test`), Holm-corrected over
 the claims of one dataset and protocol.
 """
 
-from typing import NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
-from modlhmp.networks import PUBLISHED
+from modlhmp.datasets import Dataset
+from modlhmp.kinds import find
 from modlhmp.scoring.errors import is_idle, nan_mean
+from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.ttests import holm, paired_test
-from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.site import IdleFilter
 from modlhmp.study.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
-from modlhmp.study.summary import main_output, scored_horizons
-from modlhmp.tracks import usable_tracks
+from modlhmp.study.summary import ErrorsByOutput, main_output
+from modlhmp.tracks import Tracks, usable_tracks
 
-IDLE = (5, 1.0)  # two rows so many apart are less than so many metres apart: the paper protocol's filter on ATC
+IDLE = IdleFilter()  # people who stand about, on any dataset, also where the paper protocol keeps them
 NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"
 ALL = ("atc", "edin")
 
@@ -30,7 +33,7 @@ class Claim(NamedTuple):
     text: str
     where: str
     p: str
-    labels: tuple
+    labels: tuple[str, ...]
 
 
 CLAIMS = {
@@ -44,7 +47,7 @@ CLAIMS = {
     "radius": Claim("r_s close to the map resolution (1 m) is best", "Sec. V-B, fig:parameter", "–", ("atc",)),
     "walls": Claim("the networks' forecasts cross walls, the maps' do not", "Sec. V-C", "–", ("atc",)),
     "length": Claim("60 s and 20 s are the 90th percentiles of track length", "Sec. IV-B", "–", ALL),
-    "rate": Claim("about 10 Hz on a CPU: 0.11 s (ATC), 0.04 s (Edinburgh) a track", "Sec. V-A, runtime", "–", ALL),
+    "rate": Claim("about 10 Hz on a CPU: 0.11 s (ATC), 0.04 s (Edinburgh) per track", "Sec. V-A, runtime", "–", ALL),
     "linear": Claim("time grows linearly with tracks N, horizon T and locations M", "Sec. V-A, runtime", "–", ALL),
     "size": Claim("273 MB of memory, 152 kB for an hour's map", "Sec. V-A, runtime", "–", ALL),
 }
@@ -62,42 +65,43 @@ class Evidence(NamedTuple):
     who stand about (`IDLE`); `runtime` is what the runtime study measured, None if it has not run.
     """
 
-    dataset: dict
-    horizons: list
-    errors: dict
-    studies: dict
+    dataset: Dataset
+    horizons: list[float]
+    errors: Mapping[str, ErrorsByOutput]
+    studies: Mapping[str, Mapping[float, ErrorsByOutput]]
     lengths: np.ndarray
-    idle: frozenset
-    runtime: dict
+    idle: Collection[str]
+    runtime: Mapping[str, Any] | None
 
 
-def claim_horizons(dataset, table_horizons):
+def claim_horizons(dataset: Dataset, table_horizons: Sequence[float]) -> list[float]:
     """Horizons [s] that the claims look at: the tables', a half and the whole of the longest, the short one."""
-    longest, step = dataset["horizon_s"], dataset["time_step_s"]
+    longest, step = dataset.horizon_s, dataset.time_step_s
     half = max(round(longest / 2 / step), 1) * step
-    short = SHORT_S.get(dataset["label"], half)
+    short = SHORT_S.get(dataset.label, half)
     return sorted({*scored_horizons(table_horizons, dataset), half, longest, *([short] if short <= longest else [])})
 
 
-def idle_keys(name, tracks, observed_rows):
+def idle_keys(name: str, tracks: Tracks, observed_rows: int) -> set[str]:
     """Keys "recording/track" of a recording's usable tracks who stand about, by `IDLE`."""
     rows = usable_tracks(tracks, observed_rows)
-    return {f"{name}/{track}" for track in tracks.track_id[rows[is_idle(tracks, rows, *IDLE), 0]]}
+    idle = is_idle(tracks, rows, IDLE.rows, IDLE.min_displacement_m)
+    return {f"{name}/{track}" for track in tracks.track_id[rows[idle, 0]]}
 
 
-def test_claims(evidence, titles, kinds):
-    """One row a claim, dataset, protocol and test: a DataFrame of `COLUMNS`.
+def test_claims(evidence: Sequence[Evidence], titles: Mapping[str, str], kinds: Mapping[str, str]) -> pd.DataFrame:
+    """One row per claim, dataset, protocol and test: a DataFrame of `COLUMNS`.
 
-    `evidence` lists an `Evidence` a dataset; `titles` and `kinds` map the compared methods to their title and kind.
+    `evidence` lists an `Evidence` per dataset; `titles` and `kinds` map the compared methods to their title and kind.
     """
     rows = []
     for key, claim in CLAIMS.items():
         head = {"claim": claim.text, "where": claim.where, "the paper's p": claim.p}
         for one in evidence:
-            label = one.dataset["label"]
-            if label in claim.labels or label not in ALL:  # of a dataset unknown to the paper, every claim is tested
+            label = one.dataset.label
+            if label in claim.labels or label not in ALL:  # on a dataset unknown to the paper, every claim is tested
                 for row in _TESTS[key](one, titles, kinds):
-                    rows.append({**head, "dataset": one.dataset["title"], **row})
+                    rows.append({**head, "dataset": one.dataset.title, **row})
     table = pd.DataFrame(rows)
     tested = table["p"].notna()
     table["p Holm"] = np.nan
@@ -107,25 +111,11 @@ def test_claims(evidence, titles, kinds):
     return table.reindex(columns=COLUMNS)
 
 
-def write_claims(table, demo, stem):
-    """Write the table of claims in its forms."""
-    shown = table.copy()
-    shown["n"] = [f"{n:.0f}" if np.isfinite(n) else "" for n in table["n"].astype(float)]
-    for name, form in (("mean difference", "{:.3f}"), ("p", "{:.2g}"), ("p Holm", "{:.2g}")):
-        shown[name] = [form.format(v) if np.isfinite(v) else "" for v in table[name].astype(float)]
-    note = (
-        "Verdicts: supported (p < 0.05 after Holm's correction over the tests of a dataset and protocol, or the number "
-        "itself), contradicted (the 95 % interval lies on the other side), not shown (neither). Under the paper "
-        "protocol the tracks are those that both sides scored. The recordings are not all the paper's: docs/results.md."
-    )
-    write_table(shown.fillna(""), stem, "The paper's claims, tested", demo, note)
-
-
-# --- one function a claim: yields rows of "protocol", "our test", "measured" and either p or a verdict ---------------
+# --- one function per claim: yields rows of "protocol", "our test", "measured" and either p or a verdict -------------
 
 
 def _tc_cliff(one, titles, _kinds):
-    yield from _better(one, titles, "tc_cliff", "cliff", [one.dataset["horizon_s"]])
+    yield from _better(one, titles, "tc_cliff", "cliff", [one.dataset.horizon_s])
     if {"tc_cliff", "cliff"} <= one.errors.keys():
         for protocol in PROTOCOLS:
             gaps = [_means(one, "tc_cliff", "cliff", protocol, "ade", h) for h in one.horizons]
@@ -143,20 +133,20 @@ def _stef(one, titles, _kinds):
 
 def _half(one, titles, kinds):
     for learned in _learned(one, kinds):
-        yield from _better(one, titles, "tc_cliff", learned, [one.dataset["horizon_s"]], ("ade",), factor=0.5)
+        yield from _better(one, titles, "tc_cliff", learned, [one.dataset.horizon_s], ("ade",), factor=0.5)
     yield from _if_none(one, kinds)
 
 
 def _short(one, titles, kinds):
     for learned in _learned(one, kinds):
-        horizon = SHORT_S.get(one.dataset["label"], one.horizons[0])
+        horizon = SHORT_S.get(one.dataset.label, one.horizons[0])
         yield from _better(one, titles, learned, "tc_cliff", [horizon], ("ade",))
     yield from _if_none(one, kinds)
 
 
 def _idling(one, titles, kinds):
     for learned in _learned(one, kinds):
-        longest = one.dataset["horizon_s"]
+        longest = one.dataset.horizon_s
         yield from _better(one, titles, learned, "tc_cliff", [longest], ("fde",))
         if "tc_cliff" in one.errors:
             for protocol in PROTOCOLS:
@@ -172,7 +162,7 @@ def _ranking(one, titles, kinds):
     if method is None:
         yield _row("", "needs TC-CLiFF among the compared methods", "", verdict="not tested")
         return
-    longest = one.dataset["horizon_s"]
+    longest = one.dataset.horizon_s
     half = max(h for h in one.horizons if h <= longest / 2)
     for protocol in PROTOCOLS:
         ranked, mean = (one.errors[method][output, protocol].ade[0] for output in ("ranked", "mean"))
@@ -196,10 +186,10 @@ def _radius(one, _titles, _kinds):
 
 
 def _walls(one, titles, kinds):
-    if not one.dataset["floor_plan"]:
+    if not one.dataset.floor_plan:
         yield _row("", "needs a floor plan", "", verdict="not tested")
         return
-    longest = one.dataset["horizon_s"]
+    longest = one.dataset.horizon_s
     for method in ("tc_cliff", "cliff", "stef"):
         for other in [*_learned(one, kinds), *(m for m in one.errors if kinds[m] == "cvm")]:
             yield from _better(one, titles, method, other, [longest], ("infeasible",))
@@ -207,7 +197,7 @@ def _walls(one, titles, kinds):
 
 
 def _length(one, _titles, _kinds):
-    claimed = PERCENTILE_S.get(one.dataset["label"])
+    claimed = PERCENTILE_S.get(one.dataset.label)
     if claimed is None or len(one.lengths) < 2:
         yield _row("", "needs test tracks and the paper's number", "", verdict="not tested")
         return
@@ -221,12 +211,12 @@ def _length(one, _titles, _kinds):
 
 
 def _rate(one, _titles, _kinds):
-    claimed = SECONDS_PER_TRACK.get(one.dataset["label"])
+    claimed = SECONDS_PER_TRACK.get(one.dataset.label)
     if one.runtime is None or claimed is None:
         yield _row("", NO_RUNTIME, "", verdict="not tested")
         return
-    seconds = one.runtime["latency_s"]  # of a track alone: many at once share what a call costs
-    text = f"at most {claimed:g} s a track, k = {one.runtime['k']}, {one.runtime['horizon_s']:g} s (another machine)"
+    seconds = one.runtime["latency_s"]  # of a single track: many together share the fixed cost of a call
+    text = f"at most {claimed:g} s per track, k = {one.runtime['k']}, {one.runtime['horizon_s']:g} s (another machine)"
     row = _row("", text, f"{1000 * seconds:.3g} ms", verdict="supported" if seconds <= claimed else "contradicted")
     yield {**row, "n": one.runtime["tracks"]}
 
@@ -282,12 +272,12 @@ def _study(one, parameter, pairs, symbol):
     if not pairs:
         yield _row("", f"needs a study of {symbol} with these values", "", verdict="not tested")
         return
-    last = one.horizons.index(one.dataset["horizon_s"])
+    last = one.horizons.index(one.dataset.horizon_s)
     for protocol in PROTOCOLS:
         for values in pairs:
             sides = [one.studies[parameter][value] for value in values]
             mine, other = (side[main_output({o for o, _ in side}), protocol].ade[0, :, last] for side in sides)
-            text = f"ADE {symbol} = {values[0]:g} < {symbol} = {values[1]:g}, {one.dataset['horizon_s']:g} s"
+            text = f"ADE {symbol} = {values[0]:g} < {symbol} = {values[1]:g}, {one.dataset.horizon_s:g} s"
             yield _tested(protocol, text, mine, other)
 
 
@@ -345,7 +335,8 @@ def _verdict(row):
 
 def _learned(one, kinds):
     """The paper's networks: its claims are about them."""
-    return [method for method in one.errors if kinds[method] in PUBLISHED]
+    records = {method: find(kinds[method]) for method in one.errors}
+    return [method for method, kind in records.items() if kind.learned and kind.published]
 
 
 def _if_none(one, kinds):

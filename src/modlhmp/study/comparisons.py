@@ -1,11 +1,13 @@
 """Paired one-sided t-tests of every pair of methods that a run compares: is the first one's error smaller?"""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 import pandas as pd
 
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.ttests import holm, paired_test
-from modlhmp.study.summary import main_output
+from modlhmp.study.summary import ErrorsByOutput, main_output
 
 COLUMNS = (
     "dataset", "protocol", "horizon_s", "metric", "method", "against", "output", "output_against", "n",
@@ -13,11 +15,16 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def compare(dataset, errors, pairs, horizons):
-    """Test every pair of methods at every horizon, ADE and FDE, both protocols.
+def compare(
+    dataset: str,
+    errors: Mapping[str, ErrorsByOutput],
+    pairs: Sequence[tuple[str, str]],
+    horizons: Sequence[float],
+) -> pd.DataFrame:
+    """Test every pair of methods at every horizon [s], ADE and FDE, both protocols; one row per test (`COLUMNS`).
 
     `errors` maps a method to what `summary.at_horizons` gives for `horizons`; `pairs` lists (method, against). Holm's
-    correction is over all tests of one dataset and protocol. Returns a DataFrame.
+    correction is over all tests of one dataset and protocol.
     """
     rows = []
     for protocol in PROTOCOLS:

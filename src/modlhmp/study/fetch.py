@@ -17,12 +17,19 @@ from modlhmp.storage import DataError, file_sha256, write_text
 
 BACKOFF = 1.0  # seconds before the first retry, doubled before each further one
 TIMEOUT = 60.0  # seconds without an answer or a byte
-_BAR = {"unit": "B", "unit_scale": True, "mininterval": 1.0}
 # A plain OSError is not among them: a full disk does not pass.
 _PASSING = (URLError, http.client.HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
 
 
-def fetch(url, path, sha256=None, sums=None, retries=5, progress=True, name=None):
+def fetch(
+    url: str,
+    path: str | Path,
+    sha256: str | None = None,
+    sums: str | Path | None = None,
+    retries: int = 5,
+    progress: bool = True,
+    name: str | None = None,
+) -> str:
     """Download `url` to `path`, check it as `check_sum` does, and return its SHA-256.
 
     A file already at `path` is checked, never replaced. An interrupted download stays in `<path>.part`, where
@@ -39,7 +46,7 @@ def fetch(url, path, sha256=None, sums=None, retries=5, progress=True, name=None
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise DataError(f"{part}: another process is downloading this file; wait for its end") from None
+            raise DataError(f"{part}: another process is downloading this file; wait until it has finished") from None
         if path.exists():  # another process has renamed what is open here since the look above
             return check_sum(path, name, sha256, sums)
         try:
@@ -57,7 +64,9 @@ def fetch(url, path, sha256=None, sums=None, retries=5, progress=True, name=None
     return found
 
 
-def check_sum(path, name=None, sha256=None, sums=None):
+def check_sum(
+    path: str | Path, name: str | None = None, sha256: str | None = None, sums: str | Path | None = None
+) -> str:
     """Check a file against `sha256`, else against its line in the text file `sums`; return its SHA-256.
 
     A file without a line in `sums` gets one, as sha256sum writes it, under `name` or else under its path
@@ -67,7 +76,7 @@ def check_sum(path, name=None, sha256=None, sums=None):
     return _check(path, path, name, sha256, sums, f"delete {path} and run again to fetch a fresh copy")
 
 
-def missing_message(file, expected_path, owner_page, title):
+def missing_message(file: str, expected_path: str | Path, owner_page: str, title: str) -> str:
     """What to tell the user about a file that has to be fetched by hand."""
     expected_path = Path(expected_path)
     return (
@@ -80,12 +89,12 @@ def missing_message(file, expected_path, owner_page, title):
 
 
 def _download(url, file, path, retries, progress):
-    """Bring the open partial `file` to its full length, with retries; raises `DataError` when that fails."""
+    """Complete the open partial `file`, with retries; raises `DataError` when that fails."""
     for attempt in range(retries + 1):
         try:
             return _attempt(url, file, path.name, progress)
         except (ValueError, http.client.InvalidURL) as error:
-            raise DataError(f"{path}: {url!r} is no usable address ({error}); correct its url") from None
+            raise DataError(f"{path}: {url!r} is not a usable address ({error}); correct its url") from None
         except _PASSING as error:
             if isinstance(error, HTTPError) and error.code < 500:
                 remedy = "correct its url in the dataset file or put the file there by hand"
@@ -94,7 +103,7 @@ def _download(url, file, path, retries, progress):
         if attempt < retries:
             time.sleep(BACKOFF * 2**attempt)
     remedy = "check the network and run again, the download continues where it stopped"
-    raise DataError(f"{path}: {url} failed {retries + 1} times, at last with {reason}; {remedy}")
+    raise DataError(f"{path}: {url} failed {retries + 1} times, last with {reason}; {remedy}")
 
 
 def _attempt(url, file, label, progress):
@@ -105,7 +114,7 @@ def _attempt(url, file, label, progress):
     size = os.fstat(file.fileno()).st_size
     length = response.headers.get("Content-Length")
     total = None if length is None else size + int(length)
-    bar = tqdm(total=total, initial=size, desc=label, disable=not progress, **_BAR)
+    bar = tqdm(total=total, initial=size, desc=label, disable=not progress, unit="B", unit_scale=True, mininterval=1.0)
     with response, bar:
         while block := response.read1(1 << 20):  # what has arrived, so that a broken connection loses nothing
             size += file.write(block)

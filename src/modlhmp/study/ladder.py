@@ -1,10 +1,12 @@
 """The ladder: methods in a row that differ by one change each, with paired differences and bootstrap intervals."""
 
+from collections.abc import Iterable, Mapping, Sequence
+
 import numpy as np
 import pandas as pd
 
 from modlhmp.scoring.protocols import PROTOCOLS
-from modlhmp.study.summary import main_output
+from modlhmp.study.summary import Errors, ErrorsByOutput, main_output
 
 RESAMPLES = 2000
 AT_ONCE = 100  # resamples: all of tens of thousands of persons would be gigabytes
@@ -18,7 +20,7 @@ DIFFERENCES = (
 )  # fmt: skip
 
 
-def bootstrap(values, cluster):
+def bootstrap(values: np.ndarray, cluster: np.ndarray) -> tuple[float, float, float]:
     """Mean of `values` [n] and the ends of its 95 % percentile bootstrap interval; clusters [n] are drawn as a whole.
 
     NaN do not count. The ends are NaN for fewer than two clusters. B. Efron, R. Tibshirani, An introduction to the
@@ -39,7 +41,7 @@ def bootstrap(values, cluster):
     return mean, *np.percentile(means, [2.5, 97.5])
 
 
-def clusters(keys, days):
+def clusters(keys: Sequence[str] | np.ndarray, days: Mapping[str, str]) -> np.ndarray:
     """What intervals are drawn over: the days of tracks "recording/track" where there are enough, else the persons.
 
     `days` maps a recording to its day: people of one day share it, so days are what another sample would differ by.
@@ -49,10 +51,17 @@ def clusters(keys, days):
     return np.array([days[key.rsplit("/", 1)[0]] for key in keys])
 
 
-def scores(dataset, errors, horizons, steps, days):
-    """Errors of every method with their intervals; a DataFrame, one row a protocol, horizon and method.
+def scores(
+    dataset: str,
+    errors: Mapping[str, ErrorsByOutput],
+    horizons: Sequence[float],
+    steps: Sequence[int],
+    days: Mapping[str, str],
+) -> pd.DataFrame:
+    """Errors of every method with their intervals; one row per protocol, horizon and method (`SCORES`).
 
-    `errors` maps a method to what `summary.at_horizons` gives for `horizons` [s], which are `steps` time steps.
+    `errors` maps a method to what `summary.at_horizons` gives for `horizons` [s], which are `steps` time steps; `days`
+    as of `clusters`.
     """
     table = []
     for protocol in PROTOCOLS:
@@ -68,10 +77,16 @@ def scores(dataset, errors, horizons, steps, days):
     return pd.DataFrame(table, columns=SCORES)
 
 
-def differences(dataset, errors, pairs, horizons, days):
-    """Paired differences, method less against, over the tracks that both scored; a DataFrame.
+def differences(
+    dataset: str,
+    errors: Mapping[str, ErrorsByOutput],
+    pairs: Iterable[tuple[str, str]],
+    horizons: Sequence[float],
+    days: Mapping[str, str],
+) -> pd.DataFrame:
+    """Paired differences, method less against, over the tracks that both scored (`DIFFERENCES`).
 
-    One row a protocol, horizon, metric and pair (method, against); `percent` is of the mean error of `against` there.
+    One row per protocol, horizon, metric and pair (method, against); `percent` is of the mean error of `against` there.
     """
     table = []
     for protocol in PROTOCOLS:
@@ -90,6 +105,6 @@ def differences(dataset, errors, pairs, horizons, days):
     return pd.DataFrame(table, columns=DIFFERENCES)
 
 
-def _main(errors, protocol):
+def _main(errors: ErrorsByOutput, protocol: str) -> Errors:
     """Errors of the output that stands for a method."""
     return errors[main_output({output for output, _ in errors}), protocol]

@@ -1,5 +1,8 @@
 """What the distributions' scores say: means over tracks, and whether errors and probabilities are as announced."""
 
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 
@@ -14,7 +17,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def read_uncertainty(path):
+def read_uncertainty(path: str | Path) -> tuple[list[float], dict[str, np.ndarray]]:
     """A file of `uncertainty.MEASURES` as (horizons [s], {measure: [tracks, H]}), means over the seeds of a track.
 
     `brier` is added: the squared error of the probability of having left, of each seed before their mean.
@@ -34,11 +37,13 @@ def read_uncertainty(path):
     return horizons, means
 
 
-def summarise(dataset, method, horizons_s, by_track):
-    """One row a horizon (`COLUMNS`): means over tracks of what `read_uncertainty` gives.
+def summarise(
+    dataset: str, method: str, horizons_s: Sequence[float], by_track: Mapping[str, np.ndarray]
+) -> pd.DataFrame:
+    """One row per horizon (`COLUMNS`): means over tracks of what `read_uncertainty` gives of a method on a dataset.
 
     `ratio`: real error by expected error, above 1 for a method that is too sure of itself. `n` tracks are long enough;
-    having left is known of all `n_left`. `brier_base` is the score of who always says the share that has left.
+    having left is known of all `n_left`. `brier_base` is the score of always forecasting the share that has left.
     """
     rows = []
     for place, horizon in enumerate(horizons_s):
@@ -54,21 +59,21 @@ def summarise(dataset, method, horizons_s, by_track):
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def calibration(expected, real):
+def calibration(expected: np.ndarray, real: np.ndarray) -> pd.DataFrame:
     """Expected and real errors [tracks] in `BINS` bins of equally many tracks, by expected error (see `_in_bins`)."""
     known = np.flatnonzero(np.isfinite(expected) & np.isfinite(real))
     ordered = known[np.argsort(expected[known], kind="stable")]
     return _in_bins(expected, real, np.array_split(ordered, BINS))
 
 
-def reliability(probability, happened):
+def reliability(probability: np.ndarray, happened: np.ndarray) -> pd.DataFrame:
     """Probabilities and what happened (0 or 1), [tracks], in `BINS` equally wide bins of probability."""
     place = np.minimum((probability * BINS + 1e-6).astype(int), BINS - 1)  # stored in single precision
     return _in_bins(probability, happened, [np.flatnonzero(place == number) for number in range(BINS)])
 
 
-def _in_bins(forecast, outcome, bins):
-    """One row for each bin that is not empty: `forecast` and `outcome` (means), `standard_error` of that, `n`."""
+def _in_bins(forecast: np.ndarray, outcome: np.ndarray, bins: Sequence[np.ndarray]) -> pd.DataFrame:
+    """One row per bin that is not empty: `forecast` and `outcome` (means), `standard_error` of that, `n`."""
     rows = []
     for number, members in enumerate(bins, 1):
         if n := len(members):

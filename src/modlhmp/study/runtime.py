@@ -4,48 +4,56 @@
 process, so that its memory is that of forecasting and of nothing else.
 """
 
+import functools
 import json
 import platform
 import sys
+import tempfile
 import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.forecasting import forecast_recording
-from modlhmp.forecasting.observe import Observed, current_velocity, observe
-from modlhmp.forecasting.rollout import roll_out
-from modlhmp.maps import KINDS, load_map
-from modlhmp.maps.base import HourlyMod
-from modlhmp.storage import DataError, column, read_parquet
+from modlhmp.forecasting import rollout
+from modlhmp.forecasting.base import Forecast, Forecaster
+from modlhmp.forecasting.observe import Observed, observe
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.kinds import find
+from modlhmp.methods import Method, load_map
+from modlhmp.settings import build
+from modlhmp.site import Site
+from modlhmp.storage import DataError, column, read_parquet, write_parquet
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import read_tracks, together, usable_tracks
+from modlhmp.study.layout import Layout
+from modlhmp.tracks import Tracks, read_tracks, together, usable_tracks
 
 REPETITIONS = 5
 LATENCY_TRACKS = 200
 COPIES = (1, 2, 4, 8, 16)  # of the map, for its growth
-APART_M = 100.0  # copies of a map lie out of every roll-out's reach
+APART_M = 100.0  # copies of a map lie out of reach of every roll-out
 
 
-def measure(task):
-    """Measure one map-based method on one dataset.
+def measure(task: Mapping[str, Any]) -> dict[str, Any]:
+    """Measure one method whose map is sampled on one dataset.
 
-    `task`: `map` (file or folder), `kind`, `options` of the roll-out, `tracks` (files), `dataset` (its settings), at
-    most `max_tracks` of whose tracks are used. Returns a dict: times in s, memory in MB (10^6 bytes), sizes in kB.
+    `task`: `run` (and `root`, where its results do not lie in the folder of work), `dataset` (its settings as plain
+    values, with its `name`), `recordings` (names), at most `max_tracks` of whose tracks are used, and `method`
+    (`Method.plain()`). Ways out are left out. Returns times in s, memory in MB (10^6 bytes), sizes in kB.
     """
     at_start_mb = peak_mb()
-    dataset, options = task["dataset"], task["options"]
-    mod = load_map(task["kind"], task["map"], dataset["timezone"], options["sampling_radius_m"])
-    observed = _observed(task["tracks"], dataset, task["max_tracks"])
-    steps = round(dataset["horizon_s"] / dataset["time_step_s"])
+    layout, name = Layout(task["run"], task.get("root", ".")), task["dataset"]["name"]
+    site, method = build(Site, task["dataset"]), Method.of(task["method"])
+    k, steps = method.options.k, site.steps
+    mod = load_map(method.kind, layout.map(name, method.kind), site, method.options)
+    observed = _observed(layout, name, task["recordings"], site, task["max_tracks"])
 
-    def forecast(some, horizon=steps, mod=mod):
-        keys = stream_keys(some.track_id, options["k"], 0, dataset["name"])
-        velocity = current_velocity(some, dataset["velocity"])
-        arguments = (horizon, keys, dataset["time_step_s"], options["beta"], options["speed"])
-        return roll_out(mod, some, velocity, *arguments)
+    def forecast(some: Observed, horizon: int = steps, mod: Any = mod) -> Forecast:
+        keys = stream_keys(some.track_id, k, 0, name)
+        return rollout.forecaster(mod, site, method.options)(some, horizon, keys)
 
     reference = forecast(observed)  # compiles or loads the kernels
     seconds = _times(lambda: forecast(observed))
@@ -53,35 +61,30 @@ def measure(task):
     n = len(observed.track_id)
     single = [_take(observed, [row]) for row in range(min(n, LATENCY_TRACKS))]
     forecast(single[0])
-    latency = [_seconds(lambda one=one: forecast(one)) for one in single]
-    sizes = np.unique(np.rint(np.geomspace(max(n / 32, 1), n, 6)).astype(int))
-    horizons = np.unique(np.rint(np.geomspace(max(steps / 16, 1), steps, 6)).astype(int))
-    lived = np.minimum(reference.steps_alive[..., None], horizons).sum(axis=(0, 1))
+    latency = [_seconds(functools.partial(forecast, one)) for one in single]
+    files = [file for _, file in _map_files(layout, name, method.kind)]
     growth = {
-        "N": [[int(size), _times(lambda size=size: forecast(_take(observed, slice(size))))[0]] for size in sizes],
-        "T": [[int(h), _times(lambda h=h: forecast(observed, h))[0], int(live)]
-              for h, live in zip(horizons, lived, strict=True)],
-        "M": list(_with_copies(task, forecast, observed, reference)),
-    }  # fmt: skip
-    files = _map_files(task["map"])
+        **_growth(forecast, observed, reference, steps),
+        "M": list(_with_copies(layout, name, method, site, forecast, observed, reference)),
+    }
     return {
-        "tracks": n, "k": options["k"], "horizon_s": dataset["horizon_s"], "repetitions": REPETITIONS,
+        "tracks": n, "k": k, "horizon_s": site.horizon_s, "repetitions": REPETITIONS,
         "seconds_per_track": seconds[0] / n, "seconds_per_track_range": [s / n for s in seconds[1:]],
         "latency_s": float(np.median(latency)), "latency_90th_s": float(np.percentile(latency, 90)),
         "memory_mb": memory_mb, "memory_of_imports_mb": at_start_mb,
-        "map_kb": float(np.mean([file.stat().st_size for file in files])) / 1000, "maps": len(files),
+        "map_kb": float(np.mean([Path(file).stat().st_size for file in files])) / 1000, "maps": len(files),
         "growth": growth,
-        "exponents": {name: exponent([row[0] for row in rows], [row[1] for row in rows])
-                      for name, rows in growth.items()},
+        "exponents": {size: exponent([row[0] for row in rows], [row[1] for row in rows])
+                      for size, rows in growth.items()},
         "machine": machine(),
     }  # fmt: skip
 
 
-def some_tracks(recordings, dataset, number=500):
+def some_tracks(recordings: Iterable[Tracks], site: Site, number: int = 500) -> Tracks:
     """The first `number` usable tracks of some recordings, as one table."""
     parts, found = [], 0
     for tracks in recordings:
-        usable = tracks.track_id[usable_tracks(tracks, dataset["observed_rows"])[: number - found, 0]]
+        usable = tracks.track_id[usable_tracks(tracks, site.observed_rows)[: number - found, 0]]
         parts.append(tracks.take(np.isin(tracks.track_id, usable)))
         found += len(usable)
         if found == number:
@@ -89,18 +92,21 @@ def some_tracks(recordings, dataset, number=500):
     return together(parts)
 
 
-def milliseconds_a_track(forecaster, tracks, dataset, k):
-    """Median time [ms] of forecasting a track among all of a table, with observing, without compiling; NaN of none."""
-    names = (dataset["name"], "cost", "cost")
+def milliseconds_per_track(forecaster: Forecaster, tracks: Tracks, dataset: str, site: Site, k: int) -> float:
+    """Median time [ms] of forecasting a track among all of a table, with observing, without compiling; NaN of none.
 
-    def run():
-        return sum(len(ids) for _, ids, _ in forecast_recording(tracks, forecaster, dataset, names, k, [0], []))
+    `dataset` is the name that enters the random numbers.
+    """
+    names = (dataset, "cost", "cost")
+
+    def run() -> int:
+        return sum(len(ids) for _, ids, _ in forecast_recording(tracks, forecaster, site, names, k, [0], []))
 
     number = run()
     return 1000 * _times(run)[0] / number if number else float("nan")
 
 
-def exponent(sizes, seconds):
+def exponent(sizes: Sequence[float], seconds: Sequence[float]) -> list[float]:
     """Exponent of growth: log-log slope and its 95 % interval, [slope, low, high]; NaN for fewer than 3 sizes."""
     if len(sizes) < 3:
         return [float("nan")] * 3
@@ -111,7 +117,7 @@ def exponent(sizes, seconds):
     return [float(fit.slope), float(fit.slope - reach), float(fit.slope + reach)]
 
 
-def copied(table, copies):
+def copied(table: pa.Table, copies: int) -> pa.Table:
     """A map's table with `copies` of its locations (or cells), the others so far away that nobody reaches them."""
     x = column(table, "x")
     parts = []
@@ -126,69 +132,104 @@ def copied(table, copies):
     return pa.concat_tables(parts)
 
 
-def _with_copies(task, forecast, observed, reference):
+def _growth(
+    forecast: Callable[..., Forecast], observed: Observed, reference: Forecast, steps: int
+) -> dict[str, list[list[float]]]:
+    """Rows [tracks, seconds] of `N`, and [steps, seconds, steps alive of all futures] of `T`."""
+    n = len(observed.track_id)
+    sizes = np.unique(np.rint(np.geomspace(max(n / 32, 1), n, 6)).astype(int)).tolist()
+    horizons = np.unique(np.rint(np.geomspace(max(steps / 16, 1), steps, 6)).astype(int)).tolist()
+    lived = np.minimum(reference.steps_alive[..., None], horizons).sum(axis=(0, 1)).tolist()
+
+    def first(number: int) -> Forecast:
+        return forecast(_take(observed, slice(number)))
+
+    return {
+        "N": [[size, _times(functools.partial(first, size))[0]] for size in sizes],
+        "T": [
+            [horizon, _times(functools.partial(forecast, observed, horizon))[0], live]
+            for horizon, live in zip(horizons, lived, strict=True)
+        ],
+    }
+
+
+def _with_copies(
+    layout: Layout,
+    name: str,
+    method: Method,
+    site: Site,
+    forecast: Callable[..., Forecast],
+    observed: Observed,
+    reference: Forecast,
+) -> Iterator[list[float]]:
     """Yield [number of locations, seconds] with larger maps, up to the largest lattice; forecasts must be the same."""
-    mod_class, hourly = KINDS[task["kind"]]
-    tables = {file.stem: read_parquet(file) for file in _map_files(task["map"])}
+    tables = {hour: read_parquet(file) for hour, file in _map_files(layout, name, method.kind)}
     locations = np.mean([_locations(table) for table in tables.values()])
     for copies in COPIES:
-        try:
-            larger = {stem: mod_class(copied(table, copies), task["options"]["sampling_radius_m"])
-                      for stem, table in tables.items()}  # fmt: skip
-        except DataError:  # such a map is wider than any may be
-            return
-        mod = next(iter(larger.values()))
-        if hourly:
-            mod = HourlyMod({int(stem): one for stem, one in larger.items()}, task["dataset"]["timezone"])
+        with tempfile.TemporaryDirectory() as folder:
+            larger = Layout(layout.run, folder)
+            for hour, table in tables.items():
+                write_parquet(copied(table, copies), _map_file(larger, name, method.kind, hour))
+            try:
+                mod = load_map(method.kind, larger.map(name, method.kind), site, method.options)
+            except DataError:  # such a map exceeds the limit on size
+                return
         if not np.array_equal(forecast(observed, mod=mod).xy, reference.xy):
             raise RuntimeError("a map with locations out of reach gave other forecasts")
-        yield [float(locations * copies), _times(lambda mod=mod: forecast(observed, mod=mod))[0]]
+        yield [float(locations * copies), _times(functools.partial(forecast, observed, mod=mod))[0]]
 
 
-def _locations(table):
+def _locations(table: pa.Table) -> int:
     """How many locations, or cells, a map has."""
     return len(np.unique(column(table, "location"))) if "location" in table.column_names else table.num_rows
 
 
-def _observed(files, dataset, max_tracks):
+def _observed(layout: Layout, name: str, recordings: Sequence[str], site: Site, max_tracks: int) -> Observed:
     """Observed rows of the first usable tracks, `max_tracks` at most, in a fixed random order."""
     parts, found = [], 0
-    for file in files:
-        tracks = read_tracks(file)
-        rows = usable_tracks(tracks, dataset["observed_rows"])
+    for recording in recordings:
+        tracks = read_tracks(layout.tracks(name, recording))
+        rows = usable_tracks(tracks, site.observed_rows)
         if len(rows):
-            parts.append(observe(tracks, rows, dataset["observed_rows"]))
+            parts.append(observe(tracks, rows, site.observed_rows))
             found += len(rows)
         if found >= max_tracks:
             break
     if not found:
-        raise DataError(f"{dataset['name']}: no usable test track to forecast, so no runtime to measure")
-    together = Observed(*map(np.concatenate, zip(*parts, strict=True)))
-    return _take(together, np.random.default_rng(0).permutation(found)[:max_tracks])
+        raise DataError(f"{name}: no usable test track to forecast, so no runtime to measure")
+    everyone = Observed(*map(np.concatenate, zip(*parts, strict=True)))
+    return _take(everyone, np.random.default_rng(0).permutation(found)[:max_tracks])
 
 
-def _take(observed, rows):
-    return Observed(*(column[rows] for column in observed))
+def _take(observed: Observed, rows: Any) -> Observed:
+    return Observed(*(part[rows] for part in observed))
 
 
-def _map_files(path):
-    path = Path(path)
-    return sorted(path.glob("*.parquet")) if path.is_dir() else [path]
+def _map_file(layout: Layout, name: str, kind: str, hour: int | None) -> str:
+    """The file of a map, or of one of its hours."""
+    return layout.map(name, kind) if hour is None else layout.map_hour(name, kind, hour)
 
 
-def _seconds(call):
+def _map_files(layout: Layout, name: str, kind: str) -> list[tuple[int | None, str]]:
+    """(hour, file) of a map that is one file (hour: None), or of those hours that have one."""
+    hours = range(24) if find(kind).hourly else [None]
+    files = [(hour, _map_file(layout, name, kind, hour)) for hour in hours]
+    return [(hour, file) for hour, file in files if hour is None or Path(file).exists()]
+
+
+def _seconds(call: Callable[[], Any]) -> float:
     start = time.perf_counter()
     call()
     return time.perf_counter() - start
 
 
-def _times(call):
+def _times(call: Callable[[], Any]) -> list[float]:
     """Median, lowest and highest of `REPETITIONS` times [s]."""
     times = [_seconds(call) for _ in range(REPETITIONS)]
     return [float(np.median(times)), min(times), max(times)]
 
 
-def peak_mb():
+def peak_mb() -> float:
     """Largest resident memory of this process so far [MB].
 
     From /proc: `getrusage` would give the parent's, if that is larger, since it survives the exec.
@@ -198,7 +239,7 @@ def peak_mb():
     return int(kibibytes) * 1024 / 1e6
 
 
-def machine():
+def machine() -> dict[str, Any]:
     """Public features of the machine."""
     models = [line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
               if line.startswith("model name")]  # fmt: skip
@@ -207,6 +248,7 @@ def machine():
 
 
 if __name__ == "__main__":
+    pa.set_memory_pool(pa.system_memory_pool())  # as a job does (`logs.job_log`)
     try:
         print(json.dumps(measure(json.load(sys.stdin)), indent=1))
     except DataError as error:

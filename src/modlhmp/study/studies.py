@@ -1,29 +1,34 @@
 """Studies, errors only: one parameter of the roll-out varied (paper Sec. V-B), or the amount of training data."""
 
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.forecasting import forecast_recording, make_forecaster, seeds_of
-from modlhmp.maps import cliff, episodes, exits, snippets
-from modlhmp.scoring import score_recording
+from modlhmp.forecasting.base import Forecaster
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.methods import Method, build_map, make_forecaster
+from modlhmp.scoring.recording import score_recording
+from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import usable_tracks
+from modlhmp.tracks import Tracks, usable_tracks
 
 
-def sample_tracks(recordings, dataset, max_tracks):
+def sample_tracks(recordings: Mapping[str, Tracks], dataset: str, site: Site, max_tracks: int) -> Mapping[str, Tracks]:
     """At most about `max_tracks` usable tracks of all recordings, always the same ones; {name: Tracks}.
 
     A track is in by a hash of its name and id, so neither the order of files nor the other tracks' lengths matter.
     """
     keys = {
-        name: stream_keys(np.unique(tracks.track_id), 1, "study sample", dataset["name"], name)[:, 0]
+        name: stream_keys(np.unique(tracks.track_id), 1, "study sample", dataset, name)[:, 0]
         for name, tracks in recordings.items()
     }
-    usable = sum(len(usable_tracks(tracks, dataset["observed_rows"])) for tracks in recordings.values())
+    usable = sum(len(usable_tracks(tracks, site.observed_rows)) for tracks in recordings.values())
     if usable <= max_tracks:
         return recordings
     everyone = np.sort(np.concatenate(list(keys.values())))
@@ -34,52 +39,67 @@ def sample_tracks(recordings, dataset, max_tracks):
     }
 
 
-def vary(parameter, values, method, recordings, dataset, map_path, seeds):
+def vary(
+    parameter: str,
+    values: Sequence[float],
+    method: Method,
+    recordings: Mapping[str, Tracks],
+    dataset: str,
+    site: Site,
+    map_path: str | Path,
+    seeds: Sequence[int],
+) -> Iterator[tuple[float, pa.Table]]:
     """Yield (value, errors table as of `score_recording`) for each value of a roll-out's `parameter`.
 
-    `method` is {name, kind, options}; every variant draws the random numbers of the method itself, so the variants
-    differ by the parameter alone, and the default's errors are those of the main run.
+    Every variant draws the random numbers of the method itself, so the variants differ by the parameter alone, and the
+    default's errors are those of the main run.
     """
     for value in values:
-        options = {**method["options"], parameter: value}
-        forecaster = make_forecaster(method["kind"], options, dataset, map_path)
-        yield value, _errors(method, forecaster, recordings, dataset, seeds)
+        options = dataclasses.replace(method.options, **{parameter: value})
+        forecaster = make_forecaster(method.kind, options, site, map_path)
+        yield value, _errors(method, forecaster, recordings, dataset, site, seeds)
 
 
-def vary_training(shares, methods, training, recordings, dataset, options, seeds):
+def vary_training(
+    shares: Sequence[float],
+    methods: Sequence[Method],
+    training: Tracks,
+    recordings: Mapping[str, Tracks],
+    dataset: str,
+    site: Site,
+    buildings: Mapping[str, Any],
+    seeds: Mapping[str, Sequence[int]],
+) -> Iterator[tuple[float, str, pa.Table]]:
     """Yield (share, method name, errors table) for maps of a share of the training tracks, drawn by a hash of the id.
 
-    `methods` are {name, kind, options} of the kinds in `BUILDERS`, `options` the configuration's `maps`. A larger share
-    holds all that a smaller one does.
+    `methods` are of kinds that can be built `from_share`, `buildings` their building options by kind, and those of the
+    ways out. A larger share holds all that a smaller one does.
     """
-    key = stream_keys(training.track_id, 1, "training share", dataset["name"])[:, 0]
+    key = stream_keys(training.track_id, 1, "training share", dataset)[:, 0]
     for share in shares:
         some = training.take(key <= np.uint64(min(share * 2.0**64, 2.0**64 - 2048)))
         with TemporaryDirectory() as folder:
-            for kind in {"exits", *(method["kind"] for method in methods)}:
-                write_parquet(BUILDERS[kind](some, options, dataset), Path(folder) / f"{kind}.parquet")
+            files = {kind: Path(folder) / f"{kind}.parquet" for kind in buildings}
+            for kind, file in files.items():
+                write_parquet(build_map(kind, some, site, buildings[kind])[0], file)
             for method in methods:
-                path, ways_out = (Path(folder) / f"{kind}.parquet" for kind in (method["kind"], "exits"))
-                forecaster = make_forecaster(method["kind"], method["options"], dataset, path, ways_out)
-                yield share, method["name"], _errors(method, forecaster, recordings, dataset, seeds)
+                forecaster = make_forecaster(method.kind, method.options, site, files[method.kind], files["exits"])
+                errors = _errors(method, forecaster, recordings, dataset, site, seeds[method.name])
+                yield share, method.name, errors
 
 
-BUILDERS = {
-    "cliff": lambda tracks, options, dataset: cliff.build(tracks, **options["cliff"]),
-    "episodes": lambda tracks, options, dataset: episodes.build(tracks, dataset["time_step_s"]),
-    "exits": lambda tracks, options, dataset: exits.build(tracks, dataset["time_step_s"], **options["exits"]),
-    "snippets": lambda tracks, options, dataset: snippets.build(
-        tracks, dataset["time_step_s"], past=dataset["observed_rows"] - 1, **options["snippets"]
-    ),
-}
-
-
-def _errors(method, forecaster, recordings, dataset, seeds):
+def _errors(
+    method: Method,
+    forecaster: Forecaster,
+    recordings: Mapping[str, Tracks],
+    dataset: str,
+    site: Site,
+    seeds: Sequence[int],
+) -> pa.Table:
     """Errors of one method on some recordings {name: Tracks}."""
-    tables, k = [], method["options"].get("k", 1)
+    tables = []
     for name, tracks in recordings.items():
-        names = (dataset["name"], method["name"], name)
-        drawn = seeds_of(method["kind"], seeds)
-        forecasts = forecast_recording(tracks, forecaster, dataset, names, k, drawn, keep=1)
-        tables.append(score_recording(tracks, forecasts, name, dataset))
+        names = (dataset, method.name, name)
+        forecasts = forecast_recording(tracks, forecaster, site, names, method.futures, seeds, keep=1)
+        tables.append(score_recording(tracks, forecasts, name, site))
     return pa.concat_tables(tables).unify_dictionaries()

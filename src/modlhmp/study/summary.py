@@ -1,5 +1,7 @@
-"""From errors a track to the numbers of a table: `results.csv` in long form."""
+"""From errors per track to the numbers of a table: `results.csv` in long form."""
 
+from collections.abc import Collection, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -31,15 +33,18 @@ class Errors(NamedTuple):
     ade: np.ndarray
     fde: np.ndarray
     eligible_steps: np.ndarray
-    infeasible: np.ndarray = None
-    truth_infeasible: np.ndarray = None
+    infeasible: np.ndarray | None = None
+    truth_infeasible: np.ndarray | None = None
 
-    def by_track(self, metric):
+    def by_track(self, metric: str) -> np.ndarray:
         """Mean over the seeds that scored a track, [tracks, T]; NaN where none did."""
         return nan_mean(getattr(self, metric), axis=0)
 
 
-def read_errors(path, steps=slice(None)):
+ErrorsByOutput = dict[tuple[str, str], Errors]  # of one method, by (output, protocol)
+
+
+def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) -> ErrorsByOutput:
     """An errors file as {(output, protocol): `Errors`}, of all time steps or those that are chosen."""
     schema = pq.read_schema(path)
     metrics = [name for name in METRICS if name in schema.names]
@@ -52,7 +57,9 @@ def read_errors(path, steps=slice(None)):
         keys, track = np.unique(names, return_inverse=True)
         seeds, seed = np.unique(group["seed"], return_inverse=True)
         place[:, group.index] = seed, track
-        arrays = {name: np.full((len(seeds), len(keys), len(step)), np.nan, np.float32) for name in metrics}
+        arrays: dict[str, np.ndarray] = {
+            name: np.full((len(seeds), len(keys), len(step)), np.nan, np.float32) for name in metrics
+        }
         eligible = np.zeros(len(keys), np.int64)
         eligible[track] = group["eligible_steps"]
         if "infeasible" in arrays:
@@ -66,13 +73,13 @@ def read_errors(path, steps=slice(None)):
         for name in metrics:
             values = column(piece, name).reshape(-1, width)[:, steps]
             for key, mine in of.items():
-                getattr(found[key], name)[*place[:, begin + mine]] = values[mine]
+                getattr(found[key], name)[tuple(place[:, begin + mine])] = values[mine]
         begin += len(piece)
     return found
 
 
-def summarise(dataset, method, errors, step_s):
-    """Rows of `results.csv` for one method: one an output, protocol and horizon.
+def summarise(dataset: str, method: str, errors: ErrorsByOutput, step_s: float) -> pd.DataFrame:
+    """Rows of `results.csv` for one method: one per output, protocol and horizon.
 
     `errors` as from `read_errors`. Mean over seeds per track first, then over tracks; SD over tracks;
     `ade_seed_sd_m` is the SD over seeds of the mean error; `n` scored tracks (mean over seeds) of `eligible`.
@@ -88,7 +95,7 @@ def summarise(dataset, method, errors, step_s):
         own = [at_own_length(metric, one.eligible_steps) for metric in (ade, fde, np.isfinite(one.ade).mean(axis=0))]
         nothing = np.full(ade.shape[1], np.nan)
         entered = truth_entered = nothing
-        if one.infeasible is not None:
+        if one.infeasible is not None and one.truth_infeasible is not None:
             entered = nan_mean(one.by_track("infeasible"), axis=0)
             truth_entered = nan_mean(np.where(np.isfinite(ade), one.truth_infeasible, np.nan), axis=0)
         for step in range(ade.shape[1]):
@@ -103,7 +110,7 @@ def summarise(dataset, method, errors, step_s):
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def at_horizons(path, horizons_s, step_s):
+def at_horizons(path: str | Path, horizons_s: Sequence[float], step_s: float) -> ErrorsByOutput:
     """An errors file at these horizons only, the seeds averaged, [1, tracks, H]: what comparisons of methods need."""
     errors = read_errors(path, [round(horizon / step_s) - 1 for horizon in horizons_s])
     return {
@@ -112,25 +119,18 @@ def at_horizons(path, horizons_s, step_s):
     }
 
 
-def at_own_length(by_track, eligible_steps):
+def at_own_length(by_track: np.ndarray, eligible_steps: np.ndarray) -> np.ndarray:
     """Values [tracks, T] of each track at its own length, or at the horizon where it is longer; NaN for length 0."""
     steps = np.minimum(np.arange(by_track.shape[1]), eligible_steps[:, None] - 1)
     return np.where(steps >= 0, np.take_along_axis(by_track, np.maximum(steps, 0), axis=1), np.nan)
 
 
-def main_output(outputs):
+def main_output(outputs: Collection[str]) -> str:
     """The output that stands for a method in tables and tests: the first of `OUTPUTS` that it has."""
     return next(output for output in OUTPUTS if output in outputs)
 
 
-def scored_horizons(horizons_s, dataset):
-    """Those of the tables' horizons [s] that a dataset has: whole time steps, up to its longest."""
-    steps = np.asarray(horizons_s) / dataset["time_step_s"]
-    whole = np.isclose(steps, np.rint(steps)) & (steps > 0.5) & (np.asarray(horizons_s) <= dataset["horizon_s"])
-    return np.asarray(horizons_s)[whole].tolist()
-
-
-def sample_sd(values):
+def sample_sd(values: np.ndarray) -> float:
     """Standard deviation (n - 1) of the finite values; NaN for fewer than two."""
     finite = values[np.isfinite(values)].astype(np.float64)
     return float(np.std(finite, ddof=1)) if len(finite) > 1 else float("nan")

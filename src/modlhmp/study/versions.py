@@ -1,51 +1,74 @@
-"""Which code a result depends on: the modules of this package that a script imports, directly or not."""
+"""Which code a result depends on: the modules that a script imports, of this package and of those that extend it."""
 
 import ast
 import hashlib
 from functools import lru_cache
+from importlib.util import find_spec, resolve_name
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1]
-NEUTRAL = {"modlhmp.logs"}  # how a job reports does not change its result
+# How a job reports does not change its result; what settings say reaches it through its rule's parameters.
+NEUTRAL = {"modlhmp.logs", "modlhmp.settings", "modlhmp.options", "modlhmp.kinds"}
 
 
-def code_version(script, *modules):
-    """Hash of all modules of this package that a script needs; an edit of any of them changes it.
+def code_version(script: str | Path, *modules: str) -> str:
+    """Hash of all modules that a script needs, of this package and of those that extend it; an edit of any changes it.
 
     `modules` are those that it imports by a name which only its parameters say.
     """
     digest = hashlib.sha256()
     for module in sorted(modules_of(script, *modules)):
-        digest.update(_file(module).read_bytes())
+        file = _file(module)
+        digest.update(file.read_bytes() if file else b"")
     return digest.hexdigest()[:12]
 
 
-def modules_of(script, *modules):
-    """Names of `modules` and of those of this package that a script imports, and that they import."""
-    found, waiting = set(), [*_imports(Path(script)), *modules]
+def modules_of(script: str | Path, *modules: str) -> set[str]:
+    """Names of `modules` and of those that a script imports, and that they import; others' libraries are left out.
+
+    Of a package that extends this one, its own modules count.
+    """
+    own = frozenset({PACKAGE.name, *(module.partition(".")[0] for module in modules)})
+    found: set[str] = set()
+    waiting = [*_imports(Path(script), "", own), *modules]
     while waiting:
         module = waiting.pop()
-        if module not in found | NEUTRAL:
+        file = _file(module)
+        if file is not None and module not in found | NEUTRAL:
             found.add(module)
-            waiting += _imports(_file(module))
+            waiting += _imports(file, module if file.name == "__init__.py" else module.rpartition(".")[0], own)
     return found
 
 
 @lru_cache
-def _imports(path):
-    """Modules of this package that a file's import statements name, wherever in the file they stand."""
-    named = set()
+def _imports(path: Path, package: str, own: frozenset[str]) -> tuple[str, ...]:
+    """Modules of `own` packages that a file's import statements name, wherever in the file they stand."""
+    named: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             named.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and not node.level:
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = resolve_name("." * node.level + base, package)
             for alias in node.names:
-                inner = f"{node.module}.{alias.name}"  # a module of a package, or a name in a module
-                named.add(inner if _file(inner) else node.module)
-    return tuple(sorted(name for name in named if name.startswith("modlhmp.") and _file(name)))
+                inner = f"{base}.{alias.name}"  # a module of a package, or a name in a module
+                named.add(inner if inner.partition(".")[0] in own and _file(inner) else base)
+    return tuple(sorted(name for name in named if name.partition(".")[0] in own and name != PACKAGE.name))
 
 
-def _file(module):
-    """Source file of a module of this package, None if there is no such module."""
-    base = PACKAGE.parent.joinpath(*module.split("."))
+@lru_cache
+def _file(module: str) -> Path | None:
+    """Source file of a module of this package or of one that extends it, None if there is no such module."""
+    if module.partition(".")[0] == PACKAGE.name:
+        base = PACKAGE.parent.joinpath(*module.split("."))
+        return next((file for file in (base.with_suffix(".py"), base / "__init__.py") if file.is_file()), None)
+    top, *inner = module.split(".")
+    spec = find_spec(top)  # of the top level only: it is found without importing anything
+    if spec is None or spec.origin is None:
+        return None
+    base = Path(spec.origin)
+    if not inner:
+        return base
+    base = base.parent.joinpath(*inner)
     return next((file for file in (base.with_suffix(".py"), base / "__init__.py") if file.is_file()), None)

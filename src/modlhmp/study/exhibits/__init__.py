@@ -1,1 +1,6 @@
-"""The paper's tables and figures: one module an exhibit, each drawn from the numbers it saves beside itself."""
+"""The paper's tables and figures, and those beyond it: one module and one record (`record.Exhibit`) each."""
+
+from modlhmp.study.exhibits import of_places, of_results
+from modlhmp.study.exhibits.record import Exhibit
+
+EXHIBITS: tuple[Exhibit, ...] = (*of_results.EXHIBITS, *of_places.EXHIBITS)

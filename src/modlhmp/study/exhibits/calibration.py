@@ -1,35 +1,39 @@
 """Figure calibration: is a method's real error what it expects, and do people leave as often as it says?"""
 
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import style
+from modlhmp.study.layout import Layout
 from modlhmp.study.reliability import calibration, read_uncertainty, reliability
 
 ROW_MM, BELOW_MM = 46.0, 20.0
-FEW = 5  # tracks; a bin of fewer is drawn hollow
-EXACT = {"color": "0.55", "linewidth": 0.6, "zorder": 1}
+FEW = 5  # tracks; bins with fewer are drawn hollow
+EXACT: style.Look = {"color": "0.55", "linewidth": 0.6, "zorder": 1}
 
 
-def draw(folder, datasets, methods, measured, stem):
-    """One row a dataset: expected against real error, and probability against share of having left, two horizons each.
+def draw(
+    layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str], measured: Sequence[str]
+) -> None:
+    """One row per dataset: expected against real error, probability against share of having left; two horizons each.
 
-    `folder` is results/{run}, `methods` maps names to titles in table order, `measured` are those with a file. The CSV
-    has all horizons.
+    `methods` maps names to titles in table order, `measured` are those with a file. The CSV has all horizons.
     """
     fig, axes = style.figure(len(datasets), 4, style.PAGE_MM, ROW_MM * len(datasets) + BELOW_MM)
     tables = []
     for line, dataset in zip(axes, datasets, strict=True):
-        table = bins_of(Path(folder) / dataset["name"] / "uncertainty", dataset, measured)
-        horizons = shown_horizons(sorted(table["horizon_s"].unique()), dataset["horizon_s"])
+        table = bins_of(layout, dataset, measured)
+        horizons = shown_horizons(sorted(table["horizon_s"].unique()), dataset.horizon_s)
         for what, places in (("error", line[:2]), ("left", line[2:])):
             for ax in places[len(horizons) :]:
                 ax.set_axis_off()
             for ax, horizon in zip(places, horizons, strict=False):
                 one = table[(table["what"] == what) & (table["horizon_s"] == horizon)]
-                _panel(ax, one, what, methods, f"{dataset['title']}, {horizon:g} s")
+                _panel(ax, one, what, methods, f"{dataset.title}, {horizon:g} s")
         tables.append(table)
     handles = [style.line_of(list(methods).index(method)) for method in measured]
     handles.append(style.plt.Line2D([], [], **EXACT))
@@ -39,30 +43,30 @@ def draw(folder, datasets, methods, measured, stem):
         loc="outside lower center",
         ncols=len(handles),
         title="Means in ten bins, bars: 95 % of the mean; hollow: fewer than five tracks.\n"
-        "Errors: bins of equally many tracks; above the line, a method is too sure.\n"
+        "Errors: bins of equally many tracks; above the line, a method is too sure of itself.\n"
         "Having left: bins of equally wide probability; above the line, more people have left than announced.",
         title_fontsize=6,
     )
-    style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset["demo"] for dataset in datasets))
+    style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset.demo for dataset in datasets))
 
 
-def bins_of(folder, dataset, measured):
+def bins_of(layout: Layout, dataset: Dataset, measured: Sequence[str]) -> pd.DataFrame:
     """Bins of every measured method and horizon of a dataset, as one table; `what`: `error` [m] or `left`."""
     tables = []
     for method in measured:
-        horizons, by_track = read_uncertainty(folder / f"{method}.parquet")
+        horizons, by_track = read_uncertainty(layout.uncertainty(dataset.name, method))
         for column, horizon in enumerate(horizons):
             at = {name: one[:, column] for name, one in by_track.items()}
             both = {
                 "error": calibration(at["expected_m"], at["real_m"]),
                 "left": reliability(at["left"], at["has_left"]),
             }
-            whose = {"dataset": dataset["name"], "method": method, "horizon_s": horizon}
+            whose: dict[str, Any] = {"dataset": dataset.name, "method": method, "horizon_s": horizon}
             tables += [bins.assign(**whose, what=what) for what, bins in both.items()]
     return pd.concat(tables, ignore_index=True)
 
 
-def shown_horizons(horizons, longest):
+def shown_horizons(horizons: Sequence[float], longest: float) -> list[float]:
     """The longest of the horizons, and of the others the one nearest to a third of the dataset's."""
     return [*sorted(horizons[:-1], key=lambda horizon: abs(horizon - longest / 3))[:1], horizons[-1]]
 

@@ -4,16 +4,18 @@ from pathlib import Path
 
 import pandas as pd
 
+from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits import map_panels, style
+from modlhmp.study.layout import Layout
 
 COLUMNS = ["hour", "x", "y", "mean_heading", "mean_speed", "weight", "p"]
 
 
-def draw(folder, dataset, stem):
-    """Draw the maps of `dataset["figure_hours"]` from a folder of {hour}.parquet."""
-    hours = dataset["figure_hours"]
-    tables = {hour: read_components(folder, hour) for hour in hours}
+def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
+    """Draw the TC-CLiFF-maps of `dataset.figure_hours`, one per panel."""
+    hours = dataset.figure_hours
+    tables = {hour: read_components(layout, dataset, hour) for hour in hours}
     tables = {hour: table.loc[table.groupby("location")["weight"].idxmax()] for hour, table in tables.items()}
     drawn = pd.concat(tables.values(), ignore_index=True)
     fig, axes = map_panels.panels(dataset, (drawn["x"], drawn["y"]), 1, len(hours))
@@ -26,15 +28,15 @@ def draw(folder, dataset, stem):
         ax.set_title(f"{hour}:00–{hour + 1}:00, {len(table)} locations")
     map_panels.orientation_key(
         fig, axes, dataset,
-        f"{dataset['title']}, TC-CLiFF-map: mean of the heaviest component of each location; "
+        f"{dataset.title}, TC-CLiFF-map: mean of the heaviest component of each location; "
         f"colour: orientation, length: speed ({map_panels.ARROW_M_PER_MPS:g} m drawn for 1 m/s)",
     )  # fmt: skip
-    style.save(fig, stem, drawn[COLUMNS], dataset["demo"])
+    style.save(fig, stem, drawn[COLUMNS], dataset.demo)
 
 
-def read_components(folder, hour):
-    """Components of an hour's CLiFF-map as a DataFrame with its hour, empty where the hour has no map."""
-    path = Path(folder) / f"{hour:02d}.parquet"
+def read_components(layout: Layout, dataset: Dataset, hour: int) -> pd.DataFrame:
+    """One row per component of an hour's CLiFF-map, with its hour; empty where the hour has no map."""
+    path = Path(layout.map_hour(dataset.name, "tc_cliff", hour))
     if not path.exists():
         return pd.DataFrame(columns=[*COLUMNS, "location", "count"], dtype=float)
     return read_parquet(path).to_pandas().assign(hour=hour)

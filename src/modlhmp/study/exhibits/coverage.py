@@ -1,26 +1,32 @@
 """Figure coverage: what share of the eligible tracks each method scores at each horizon (not in the paper)."""
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import pandas as pd
+
+from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import main_rows
+from modlhmp.study.layout import Layout
 
 # The complete protocol's line is wide, so that it shows where both coincide.
-ELIGIBLE = {
+ELIGIBLE: dict[str, dict[str, Any]] = {
     "complete": {"color": "0.7", "linestyle": "-", "linewidth": 2.5},
     "paper": {"color": "black", "linestyle": "--"},
 }
 
 
-def draw(results, datasets, methods, stem):
-    """One column a dataset: coverage under the paper protocol above, the number of eligible tracks below.
+def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
+    """One column per dataset: coverage under the paper protocol above, the number of eligible tracks below.
 
-    `results` is the table of `results.csv`; `methods` maps names to titles in table order. Under the complete
-    protocol every eligible track is scored.
+    `methods` maps names to titles in table order. Under the complete protocol every eligible track is scored.
     """
-    rows = main_rows(results)
+    rows = main_rows(pd.read_csv(layout.scores))
     rows = rows.assign(coverage=rows["n"] / rows["eligible"].where(rows["eligible"] > 0))
     fig, axes = style.figure(2, len(datasets), height_mm=84.0, sharex="col")
     for column, dataset in enumerate(datasets):
-        one = rows[rows["dataset"] == dataset["name"]]
+        one = rows[rows["dataset"] == dataset.name]
         above, below = axes[:, column]
         for position, method in enumerate(methods):
             curve = one[(one["method"] == method) & (one["protocol"] == "paper")].sort_values("horizon_s")
@@ -30,8 +36,8 @@ def draw(results, datasets, methods, stem):
         for protocol, look in ELIGIBLE.items():
             counts = one[one["protocol"] == protocol].groupby("horizon_s")["eligible"].first()
             below.plot(counts.index, counts.where(counts > 0), **look)
-        above.set_title(f"{dataset['title']}\npaper protocol")
-        above.set(xlim=(0, dataset["horizon_s"]), ylim=(0, 105), ylabel="scored / eligible [%]")
+        above.set_title(f"{dataset.title}\npaper protocol")
+        above.set(xlim=(0, dataset.horizon_s), ylim=(0, 105), ylabel="scored / eligible [%]")
         below.set(xlabel="prediction horizon [s]", ylabel="eligible tracks n")
         below.set_yscale("log")
     handles = [style.line_of(position) for position in range(len(methods))] + axes[1, 0].get_lines()
@@ -39,4 +45,4 @@ def draw(results, datasets, methods, stem):
     note = "Under the complete protocol every method scores all eligible tracks."
     fig.legend(handles, names, loc="outside lower center", ncols=3, title=note, title_fontsize=6)
     columns = ["dataset", "method", "output", "protocol", "horizon_s", "n", "eligible", "coverage"]
-    style.save(fig, stem, rows[columns], any(dataset["demo"] for dataset in datasets))
+    style.save(fig, stem, rows[columns], any(dataset.demo for dataset in datasets))

@@ -1,7 +1,8 @@
 """Figure density: where one person of each dataset may be at three moments, as the samples of a forecast say."""
 
 import textwrap
-from pathlib import Path
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -9,48 +10,63 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from modlhmp.forecasting import forecast_recording, make_forecaster
+from modlhmp.datasets import Dataset
+from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.median import with_median
-from modlhmp.maps import SAMPLED, map_path
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.methods import Method, make_forecaster
 from modlhmp.scoring.uncertainty import samples_of
 from modlhmp.study.exhibits import paths, style
-from modlhmp.study.exhibits.selection import errors_at, example_track
+from modlhmp.study.exhibits.selection import Example, errors_at, example_track
+from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks
 
 MOMENTS = (1 / 6, 1 / 3, 1.0)  # of the horizon
 CELLS, BANDWIDTH = 300, 1 / 60  # cells of a panel's width, and the share of it by which a sample is spread
 SHARES = (0.9, 0.5)
 COLUMNS = paths.COLUMNS[:9]  # `rank` numbers the samples
-SHADES = LinearSegmentedColormap.from_list("probability", [(0.0, 0.45, 0.7, 0.0), (0.0, 0.45, 0.7, 0.55), "#00304A"])
-CONTOUR = {"colors": "#00304A", "linewidths": (0.5, 1.0)}  # wider around the likelier part
-MEDIAN = {"color": "#E69F00", "linewidth": 1.2, "zorder": 6}
+SHADES = LinearSegmentedColormap.from_list(
+    "probability",
+    [(0.0, 0.45, 0.7, 0.0), (0.0, 0.45, 0.7, 0.55), "#00304A"],  # type: ignore[arg-type]  # any mixture of forms
+)
+CONTOUR: style.Look = {"colors": "#00304A", "linewidths": (0.5, 1.0)}  # wider around the likelier part
+MEDIAN: style.Look = {"color": "#E69F00", "linewidth": 1.2, "zorder": 6}
 
 
-def draw(folder, datasets, methods, shown, forecast_by, samples, seed, stem):
-    """One row a dataset, one column a moment.
+def draw(
+    layout: Layout,
+    datasets: Sequence[Dataset],
+    stem: str,
+    methods: Mapping[str, str],
+    shown: Mapping[str, Mapping[str, Any]],
+    samples: int,
+    seed: int,
+) -> None:
+    """One row per dataset, one column per moment.
 
-    `folder` is results/{run}, `methods` maps names to titles in table order, `shown` is the method, `forecast_by` its
-    {kind, options} on each dataset, with `samples` futures at least, by `seed`.
+    `methods` maps names to titles in table order, `shown` each dataset's name to the `Method.plain()` of the method
+    that is shown, with what is tuned there; it makes `samples` futures at least, by `seed`.
     """
     height_mm = (style.PAGE_MM / 3 - 6.0) * paths.PANEL + 12.0
     fig, axes = style.figure(len(datasets), 3, style.PAGE_MM, height_mm * len(datasets) + 20.0)
     tables = []
     for line, dataset in zip(axes, datasets, strict=True):
-        method = {"name": shown, **forecast_by[dataset["name"]]}
-        table, text, left = example(Path(folder) / dataset["name"], dataset, methods, method, samples, seed)
-        if table is None:
+        method = Method.of(shown[dataset.name])
+        table, text, left = example(layout, dataset, methods, method, samples, seed)
+        if table is None or left is None:
             for ax in line:
                 ax.set_axis_off()
-            style.empty_panel(line[1], f"{dataset['title']}\n{text}")
+            style.empty_panel(line[1], f"{dataset.title}\n{text}")
             continue
         for ax, step in zip(line, moments(dataset), strict=True):
-            _panel(ax, dataset, table, step * dataset["time_step_s"], left[step])
-        line[1].set_title(f"{dataset['title']}, {text}\n{line[1].get_title()}")
+            _panel(ax, dataset, table, step * dataset.time_step_s, left[step])
+        line[1].set_title(f"{dataset.title}, {text}\n{line[1].get_title()}")
         tables.append(table)
     numbers = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS)
+    (name,) = {one["name"] for one in shown.values()}
     text = (
-        f"Samples of {methods[shown]} that are still there, each spread by 1/{1 / BANDWIDTH:.0f} of the panel's width: "
+        f"Samples of {methods[name]} that are still there, each spread by 1/{1 / BANDWIDTH:.0f} of the panel's width: "
         "if still there, the person is inside the thick line with a probability of 50 %, inside the thin one with "
         f"90 %; p: probability of having left. {paths.rule(methods)}"
     )
@@ -61,30 +77,30 @@ def draw(folder, datasets, methods, shown, forecast_by, samples, seed, stem):
         title="\n".join(textwrap.wrap(text, 150)),
         title_fontsize=6,
     )
-    style.save(fig, stem, numbers, any(dataset["demo"] for dataset in datasets))
+    style.save(fig, stem, numbers, any(dataset.demo for dataset in datasets))
 
 
-def moments(dataset):
+def moments(dataset: Dataset) -> list[int]:
     """Time steps to the three moments."""
-    steps = round(dataset["horizon_s"] / dataset["time_step_s"])
-    return [max(round(share * steps), 1) for share in MOMENTS]
+    return [max(round(share * dataset.steps), 1) for share in MOMENTS]
 
 
-def example(folder, dataset, methods, method, samples, seed):
+def example(
+    layout: Layout, dataset: Dataset, methods: Mapping[str, str], method: Method, samples: int, seed: int
+) -> tuple[pd.DataFrame | None, str, dict[int, float]]:
     """Plotted positions of a dataset's example (`COLUMNS`), who it is, and {step: share of the samples that left}.
 
-    (None, why, None) where there is none. A sample has a row at each moment at which it is still there; where none
+    (None, why, {}) where there is none. A sample has a row at each moment at which it is still there; where none
     is, all have their last position.
     """
-    steps = round(dataset["horizon_s"] / dataset["time_step_s"])
-    track = example_track(errors_at(folder / "errors" / f"{next(iter(methods))}.parquet", steps))
+    steps = dataset.steps
+    track = example_track(errors_at(layout.errors(dataset.name, next(iter(methods))), steps))
     if track is None:
-        return None, f"no test track of {dataset['horizon_s']:g} s", None
-    file = folder / "tracks" / f"{track.recording}.parquet"
-    person = paths.person_paths(file, track.track_id, dataset, steps)
-    forecast = forecast_again(folder, file, dataset, method, track, samples, seed)
+        return None, f"no test track of {dataset.horizon_s:g} s", {}
+    person = paths.person_paths(layout.tracks(dataset.name, track.recording), track.track_id, dataset, steps)
+    forecast = forecast_again(layout, dataset, method, track, samples, seed)
     median = forecast if forecast.output == "median" else with_median(forecast)
-    step_s, start = dataset["time_step_s"], paths.one_path(person, "truth")[0]
+    step_s, start = dataset.time_step_s, paths.one_path(person, "truth")[0]
     path = np.vstack([start, median.xy[0, 0]])
     forecasts = [_rows("median", path, np.arange(steps + 1) * step_s)]
     xy, alive = (part[0] for part in samples_of(forecast))
@@ -96,19 +112,21 @@ def example(folder, dataset, methods, method, samples, seed):
             there[:] = True
         at = _rows("sample", xy[there, step - 1], step * step_s)
         forecasts.append(at.assign(rank=np.flatnonzero(there) + 1))
-    table = paths.of_example(dataset, track, [person, pd.concat(forecasts).assign(method=method["name"])])
+    table = paths.of_example(dataset, track, [person, pd.concat(forecasts).assign(method=method.name)])
     return table[list(COLUMNS)], paths.who(track), left
 
 
-def forecast_again(folder, file, dataset, method, track, samples, seed):
+def forecast_again(
+    layout: Layout, dataset: Dataset, method: Method, track: Example, samples: int, seed: int
+) -> Forecast:
     """The `Forecast` of one track with `samples` futures at least; files keep fewer."""
-    options, kind = method["options"], method["kind"]
-    exits = folder / "maps/exits.parquet" if kind in SAMPLED and options["exits"] else None
-    forecaster = make_forecaster(kind, options, dataset, map_path(folder / "maps", kind), exits)
-    tracks = read_tracks(file)
+    exits = layout.map(dataset.name, "exits")
+    path = layout.map(dataset.name, method.kind)
+    forecaster = make_forecaster(method.kind, method.options, dataset, path, exits)
+    tracks = read_tracks(layout.tracks(dataset.name, track.recording))
     tracks = tracks.take(tracks.track_id == track.track_id)
-    keyed_by = (dataset["name"], method["name"], track.recording)
-    k = max(options["k"], samples)
+    keyed_by = (dataset.name, method.name, track.recording)
+    k = max(method.futures, samples)
     ((_, _, forecast),) = forecast_recording(tracks, forecaster, dataset, keyed_by, k, [seed])
     return forecast
 
@@ -123,7 +141,7 @@ def _panel(ax, dataset, table, moment_s, left):
     known = [paths.one_path(table, what) for what in ("observed", "truth", "median")]
     for _, some in samples.groupby("step_s"):  # but for a few far away
         known.append(np.percentile(some[["x_m", "y_m"]].to_numpy(float), (2, 98), axis=0))
-    paths.frame(ax, dataset, np.vstack(known), dataset["horizon_s"])
+    paths.frame(ax, dataset, np.vstack(known), dataset.horizon_s)
     now = samples.loc[samples["step_s"] == moment_s, ["x_m", "y_m"]].to_numpy(float)
     extent = (*sorted(ax.get_xlim()), *sorted(ax.get_ylim()))
     _draw_density(ax, now, extent)
@@ -163,6 +181,6 @@ def _handles(datasets):
         Line2D([], [], label="median path, and at that moment", **median),
         Patch(label="probability per cell", color=SHADES(0.6)),
     ]
-    if any(dataset["floor_plan"] for dataset in datasets):
+    if any(dataset.floor_plan for dataset in datasets):
         handles.append(Patch(label="occupied (floor plan)", color=style.WALL_COLOUR))
     return handles

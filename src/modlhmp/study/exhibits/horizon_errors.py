@@ -1,19 +1,22 @@
 """Figures atc_final and edin_final: ADE and FDE against the horizon, mean and one SD, for every method."""
 
-import numpy as np
+from collections.abc import Mapping
 
+import numpy as np
+import pandas as pd
+
+from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import main_rows, scored_of
+from modlhmp.study.layout import Layout
 
 TITLES = {"paper": "paper protocol", "complete": "complete protocol"}
 
 
-def draw(results, dataset, methods, stem):
-    """Draw the figure of one dataset.
-
-    `results` is the table of `results.csv`, `dataset` its settings, `methods` maps names to titles in table order.
-    """
-    rows = main_rows(results[results["dataset"] == dataset["name"]])
+def draw(layout: Layout, dataset: Dataset, stem: str, methods: Mapping[str, str]) -> None:
+    """Draw the figure of one dataset; `methods` maps names to titles in table order."""
+    results = pd.read_csv(layout.scores)
+    rows = main_rows(results[results["dataset"] == dataset.name])
     fig, axes = style.figure(2, 2, height_mm=98.0, sharex=True, sharey="col")
     for line, (protocol, title) in enumerate(TITLES.items()):
         for column, metric in enumerate(("ade", "fde")):
@@ -23,7 +26,7 @@ def draw(results, dataset, methods, stem):
                 _curve(ax, one, metric, style.method_style(position))
             ax.set_title(title)
             ax.set_ylim(bottom=0)
-            ax.set_xlim(0, dataset["horizon_s"])
+            ax.set_xlim(0, dataset.horizon_s)
             if line == 1:
                 ax.set_xlabel("prediction horizon [s]")
             ax.set_ylabel(f"{metric.upper()} [m]")
@@ -33,11 +36,11 @@ def draw(results, dataset, methods, stem):
         [f"{title} ({_counts(rows, method)})" for method, title in methods.items()],
         loc="outside lower center",
         ncols=2,
-        title=f"{dataset['title']}: mean (thick) ± 1 SD over tracks (thin)\n"
-        f"in brackets: n (/ eligible) at {dataset['horizon_s']:g} s, paper and complete protocol",
+        title=f"{dataset.title}: mean (thick) ± 1 SD over tracks (thin)\n"
+        f"in brackets: n (/ eligible) at {dataset.horizon_s:g} s, paper and complete protocol",
         title_fontsize=6,
     )
-    style.save(fig, stem, rows, dataset["demo"])
+    style.save(fig, stem, rows, dataset.demo)
 
 
 def _curve(ax, rows, metric, look):

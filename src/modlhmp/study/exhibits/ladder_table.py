@@ -1,35 +1,57 @@
-"""Table ladder-<label>: from the paper's configuration to the best one, a change a row (not in the paper)."""
+"""Table ladder-<label>: from the paper's configuration to the best one, one change per row (not in the paper)."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from modlhmp.datasets import Dataset
+from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.ladder import LEAST_DAYS
+from modlhmp.study.layout import Layout
 
 NOTE = (
     "Errors are ADE / FDE in m, seeds averaged per track first; brackets hold 95 % bootstrap intervals over {over}. "
     "Every row is compared with the one above it and with {reference}, on the same tracks (complete protocol: every "
-    "eligible track counts). The paper protocol stands at the right: it drops idle tracks where the dataset says so, "
+    "eligible track counts). The paper protocol is at the right: it drops idle tracks where the dataset says so, "
     "and forecasts that have left the map. Cost is the time of a forecast to the longest horizon on one core."
 )
 
 
-def write_ladder(scored, compared, costs, dataset, ladder, titles, days, stem):
-    """Write the table of one dataset; `scored`, `compared` as of `scoring.ladder`, `costs` [ms] by method."""
-    rows, reference = ladder["rows"], ladder["reference"]
+def draw(
+    layout: Layout,
+    dataset: Dataset,
+    stem: str,
+    rows: Sequence[Sequence[str]],
+    reference: str,
+    beside: Sequence[Sequence[str]],
+    titles: Mapping[str, str],
+    days: Sequence[str],
+) -> None:
+    """Write the table of one dataset.
+
+    `rows` are [method, what changes], `reference` is the method that all are compared with, `beside` are [method,
+    against, what differs], `titles` maps all these methods to their titles, `days` are those of the test recordings.
+    """
+    scored, compared = (
+        read_parquet(layout.ladder(dataset.name, part)).to_pandas() for part in ("scores", "differences")
+    )
+    costs = json.loads(Path(layout.costs(dataset.name)).read_text(encoding="utf-8"))
     horizons = sorted(scored["horizon_s"].unique())
     above = dict(zip([m for m, _ in rows[1:]], [m for m, _ in rows], strict=False))
     tables = []
     for horizon in reversed(horizons):
         tables.append((f"{horizon:g} s", _rungs(scored, compared, rows, above, reference, horizon, costs, titles)))
-    if ladder["beside"]:
-        beside = _beside(scored, compared, ladder["beside"], horizons, titles)
-        tables.append(("Beside the ladder: one thing changed", beside))
+    if beside:
+        tables.append(("Beside the ladder: one thing changed", _beside(scored, compared, beside, horizons, titles)))
     over = f"the {len(days)} test days" if len(days) >= LEAST_DAYS else "persons"
     note = NOTE.format(over=over, reference=titles[reference])
-    heading = f"From the paper's configuration to the best one: {dataset['title']}"
+    heading = f"From the paper's configuration to the best one: {dataset.title}"
     first = tables[0][1]
-    write_table(first, stem, f"{heading}, {tables[0][0]}", dataset["demo"], note, tables[1:])
+    write_table(first, stem, f"{heading}, {tables[0][0]}", dataset.demo, note, tables[1:])
 
 
 def _rungs(scored, compared, rows, above, reference, horizon, costs, titles):
@@ -46,7 +68,7 @@ def _rungs(scored, compared, rows, above, reference, horizon, costs, titles):
                 "ADE less the row above": _difference(compared, "complete", horizon, method, above.get(method)),
                 f"less {titles[reference]}": _difference(compared, "complete", horizon, method, reference),
                 "FDE, the same": _difference(compared, "complete", horizon, method, reference, "fde"),
-                "ms a track": f"{costs[method]:.2g}" if np.isfinite(costs.get(method, np.nan)) else "–",
+                "ms per track": f"{costs[method]:.2g}" if np.isfinite(costs.get(method, np.nan)) else "–",
                 "paper protocol": _errors(paper),
                 "paper protocol: n": f"{paper.n}/{paper.eligible}",
             }
@@ -55,7 +77,7 @@ def _rungs(scored, compared, rows, above, reference, horizon, costs, titles):
 
 
 def _beside(scored, compared, beside, horizons, titles):
-    """Pairs of methods, a column a horizon."""
+    """Pairs of methods, one column per horizon."""
     table = []
     for method, against, change in beside:
         cells = {"what changes": change, "method": titles[method], "against": titles[against]}

@@ -1,32 +1,41 @@
 """Figure learning-curves: validation error and training loss of every network, epoch by epoch (not in the paper)."""
 
+from collections.abc import Mapping, Sequence
+
 import pandas as pd
 
+from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import style
+from modlhmp.study.exhibits.trainings import read_trainings
+from modlhmp.study.layout import Layout
 
 
-def draw(trainings, datasets, methods, stem):
-    """Two rows a dataset: validation ADE above, training loss below; one column a network."""
+def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
+    """Two rows per dataset: validation ADE above, training loss below; one column per network.
+
+    `methods` maps the networks' names to their titles.
+    """
+    trainings = read_trainings(layout, datasets, methods)
     fig, axes = style.figure(
         2 * len(datasets), len(methods), style.PAGE_MM, 8 + 54 * len(datasets), sharex="col", sharey=False
     )
     tables = []
     for column, (method, title) in enumerate(methods.items()):
         for line, dataset in enumerate(datasets):
-            one = trainings[dataset["name"], method]
+            one = trainings[dataset.name, method]
             curve = pd.DataFrame(one["curve"])
             above, below = axes[2 * line : 2 * line + 2, column]
             look = {**style.method_style(column), "marker": "none"}
             above.plot(curve["epoch"], curve["validation_ade_m"], **look)
             above.plot(one["best_epoch"], one["validation_ade_m"], marker="o", markersize=3, color="black")
             below.plot(curve["epoch"], curve["train_loss"], color="0.4")
-            above.set_title(f"{dataset['title']}\n{title}")
+            above.set_title(f"{dataset.title}\n{title}")
             above.set_ylim(bottom=0)
             if column == 0:
                 above.set_ylabel("validation ADE [m]")
                 below.set_ylabel("training loss")
-            tables.append(curve.drop(columns="seconds").assign(dataset=dataset["name"], method=method))
+            tables.append(curve.drop(columns="seconds").assign(dataset=dataset.name, method=method))
         axes[-1, column].set_xlabel("epoch")
     note = "Dots: the epoch whose weights are used. Losses of different networks are different things."
     fig.supxlabel(note, fontsize=6)
-    style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset["demo"] for dataset in datasets))
+    style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset.demo for dataset in datasets))

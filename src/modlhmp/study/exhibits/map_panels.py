@@ -1,7 +1,11 @@
 """What the figures of maps share: panels of one extent over the floor plan, arrows, and the key of orientation."""
 
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import style
 
 ARROW_M_PER_MPS = 1.0  # an arrow shows where a walker is a second later
@@ -9,7 +13,13 @@ MARGIN_M = 1.0
 MOST_VECTORS = 1500  # more arrows in a panel become pixels in the PDF, which would be megabytes large
 
 
-def panels(dataset, positions, rows, columns, width_mm=style.PAGE_MM):
+def panels(
+    dataset: Dataset,
+    positions: tuple[np.ndarray | pd.Series, np.ndarray | pd.Series],
+    rows: int,
+    columns: int,
+    width_mm: float = style.PAGE_MM,
+) -> tuple[Figure, np.ndarray]:
     """A figure and its axes [rows, columns], all over the extent of `positions` (x, y: arrays [n] in m).
 
     The floor plan lies beneath; y grows downwards where it does in the recordings.
@@ -26,7 +36,7 @@ def panels(dataset, positions, rows, columns, width_mm=style.PAGE_MM):
             ax.set(xlim=(x.min() - MARGIN_M, x.max() + MARGIN_M), ylim=(y.min() - MARGIN_M, y.max() + MARGIN_M))
             ax.set_aspect("equal")
             ax.grid(False)
-            style.draw_floor_plan(ax, dataset["floor_plan"])
+            style.draw_floor_plan(ax, dataset.floor_plan)
         if style.image_coordinates(dataset):
             axes[0, 0].invert_yaxis()
     for ax in axes[-1]:
@@ -36,8 +46,8 @@ def panels(dataset, positions, rows, columns, width_mm=style.PAGE_MM):
     return fig, axes
 
 
-def arrows(ax, table, alpha=None):
-    """One arrow a row of `table`: x, y [m], heading [rad], length [m]; `alpha` [n] in 0..1 makes it transparent."""
+def arrows(ax: Axes, table: pd.DataFrame, alpha: np.ndarray | pd.Series | None = None) -> None:
+    """One arrow per row of `table`: x, y [m], heading [rad], length [m]; `alpha` [n] in 0..1 makes it transparent."""
     colours = style.heading_colour(table["heading"])
     if alpha is not None:
         colours[:, 3] = np.clip(alpha, 0.0, 1.0)
@@ -50,13 +60,13 @@ def arrows(ax, table, alpha=None):
     )  # fmt: skip
 
 
-def orientation_key(fig, axes, dataset, note):
+def orientation_key(fig: Figure, axes: np.ndarray, dataset: Dataset, note: str) -> None:
     """Key of orientation in the directions of the page, and a note below the panels."""
     key = fig.colorbar(style.orientation_scale(), ax=axes.ravel().tolist(), shrink=0.9, pad=0.01, aspect=25)
     names = ["right", "up", "left", "down", "right"]
     if style.image_coordinates(dataset):
         names = ["right", "down", "left", "up", "right"]
-    key.set_ticks(np.arange(5) * np.pi / 2, labels=names)
+    key.set_ticks((np.arange(5) * np.pi / 2).tolist(), labels=names)
     key.ax.tick_params(labelsize=6)
     key.outline.set_linewidth(0.3)
     fig.supxlabel(note, fontsize=6)

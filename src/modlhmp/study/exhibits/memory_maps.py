@@ -1,33 +1,39 @@
 """Figure memory-maps: what the maps with memory hold around a walker, and how each forecasts (not in the paper)."""
 
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
+from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.exhibits.selection import errors_at, example_track
+from modlhmp.study.layout import Layout
 
 SNIPPETS_M = 2.0  # snippets are drawn that start so near to the walker
 MOST_DRAWN = 150
-MEDIAN = {"color": "#0072B2", "linewidth": 2.0, "zorder": 5}
-SAMPLE = {"color": "#0072B2", "linewidth": 0.6, "alpha": 0.5, "zorder": 3}
-LEFT = {"marker": "x", "markersize": 4, "markeredgewidth": 0.9, "linestyle": "none", "color": "#0072B2", "zorder": 4}
+MEDIAN: style.Look = {"color": "#0072B2", "linewidth": 2.0, "zorder": 5}
+SAMPLE: style.Look = {"color": "#0072B2", "linewidth": 0.6, "alpha": 0.5, "zorder": 3}
+LEFT: style.Look = {
+    "marker": "x",
+    "markersize": 4,
+    "markeredgewidth": 0.9,
+    "linestyle": "none",
+    "color": "#0072B2",
+    "zorder": 4,
+}
 
 
-def draw(folder, datasets, methods, stem):
-    """One row of panels a dataset: the snippets around an example walker, and the forecast of each map.
+def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
+    """One row of panels per dataset: the snippets around an example walker, and the forecast of each map.
 
-    `folder` is results/{run}, `datasets` a list of settings, `methods` maps the names of an `episodes` and a `snippets`
-    method to their titles.
+    `methods` maps the names of an `episodes` and a `snippets` method to their titles.
     """
     fig, axes = style.figure(len(datasets), 1 + len(methods), style.PAGE_MM, 46.0 * len(datasets) + 16)
-    tables = []
-    for line, dataset in zip(axes, datasets, strict=True):
-        tables.append(_row(line, Path(folder) / dataset["name"], dataset, methods))
+    tables = [_row(line, layout, dataset, methods) for line, dataset in zip(axes, datasets, strict=True)]
     handles = [
         Line2D([], [], label="observed", **paths.OBSERVED),
         Line2D([], [], label="truth", **paths.TRUTH),
@@ -36,31 +42,31 @@ def draw(folder, datasets, methods, stem):
         Line2D([], [], label="left through an exit", **LEFT),
     ]
     fig.legend(handles=handles, loc="outside lower center", ncols=len(handles))
-    numbers = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=paths.COLUMNS)
-    style.save(fig, stem, numbers, any(dataset["demo"] for dataset in datasets))
+    style.save(fig, stem, paths.collect(tables), any(dataset.demo for dataset in datasets))
 
 
-def _row(line, folder, dataset, methods):
+def _row(line: np.ndarray, layout: Layout, dataset: Dataset, methods: Mapping[str, str]) -> pd.DataFrame:
     """Draw one dataset's panels; returns the plotted positions."""
-    steps = round(dataset["horizon_s"] / dataset["time_step_s"])
-    track = example_track(errors_at(folder / "errors" / f"{next(iter(methods))}.parquet", steps))
+    name, steps = dataset.name, dataset.steps
+    track = example_track(errors_at(layout.errors(name, next(iter(methods))), steps))
     if track is None:
         for panel in line:
-            style.empty_panel(panel, f"{dataset['title']}: no test track of {dataset['horizon_s']:g} s")
+            style.empty_panel(panel, f"{dataset.title}: no test track of {dataset.horizon_s:g} s")
         return pd.DataFrame(columns=paths.COLUMNS)
-    person = paths.person_paths(folder / "tracks" / f"{track.recording}.parquet", track.track_id, dataset, steps)
+    person = paths.person_paths(layout.tracks(name, track.recording), track.track_id, dataset, steps)
     start, tables = paths.one_path(person, "truth")[0], [person]
     futures = {}
     for method in methods:
-        forecast = paths.forecast_of(folder / "forecasts" / method / f"{track.recording}.parquet", track.track_id)
-        table = paths.forecast_paths(forecast, range(len(forecast.xy)), steps, dataset["time_step_s"], start)
+        forecast = paths.forecast_of(layout.forecast(name, method, track.recording), track.track_id)
+        assert forecast is not None  # every scored track was forecast
+        table = paths.forecast_paths(forecast, range(len(forecast.xy)), steps, dataset.time_step_s, start)
         futures[method] = table.assign(method=method)
         tables.append(futures[method])
     shown = pd.concat(tables)[["x_m", "y_m"]].to_numpy(float)
-    _snippets(line[0], folder / "maps" / "snippets.parquet", start, dataset, person)
+    _snippets(line[0], layout.map(name, "snippets"), start, dataset, person)
     for panel, (method, title) in zip(line[1:], methods.items(), strict=True):
-        paths.frame(panel, dataset, shown, dataset["horizon_s"])
-        panel.set_title(f"{title}, {dataset['horizon_s']:g} s")
+        paths.frame(panel, dataset, shown, dataset.horizon_s)
+        panel.set_title(f"{title}, {dataset.horizon_s:g} s")
         paths.draw_person(panel, person)
         for rank, path in futures[method].groupby("rank"):
             xy = path[["x_m", "y_m"]].to_numpy(float)
@@ -82,8 +88,8 @@ def _snippets(panel, file, start, dataset, person):
     walked = table["steps"].to_numpy()[near]
     lines = [one[: steps + 1] + xy[row] for one, steps, row in zip(path, walked, near, strict=True)]
     extent = np.vstack([start[None], *lines])
-    paths.frame(panel, dataset, extent, dataset["horizon_s"])
-    panel.set_title(f"{dataset['title']}: snippets that start here")
+    paths.frame(panel, dataset, extent, dataset.horizon_s)
+    panel.set_title(f"{dataset.title}: snippets that start here")
     direction = np.array([np.arctan2(*(line[1] - line[0])[::-1]) for line in lines])
     panel.add_collection(LineCollection(lines, colors=style.heading_colour(direction), linewidths=0.6, zorder=3))
     panel.plot(*paths.one_path(person, "observed").T, **paths.OBSERVED)

@@ -2,15 +2,17 @@
 
 import pandas as pd
 
+from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import map_panels, style
 from modlhmp.study.exhibits.cliff_hours import read_components
 from modlhmp.study.exhibits.stef_hours import read_orientations
+from modlhmp.study.layout import Layout
 
 
-def draw(cliff_folder, stef_folder, dataset, stem):
-    """One row an hour of `dataset["figure_hours"]`: TC-CLiFF left, STeF right; transparency is the weight."""
-    hours = dataset["figure_hours"]
-    cliff = pd.concat([read_components(cliff_folder, hour) for hour in hours], ignore_index=True)
+def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
+    """One row per hour of `dataset.figure_hours`: TC-CLiFF left, STeF right; transparency is the weight."""
+    hours = dataset.figure_hours
+    cliff = pd.concat([read_components(layout, dataset, hour) for hour in hours], ignore_index=True)
     cliff = pd.DataFrame(
         {
             "hour": cliff["hour"], "map": "TC-CLiFF", "x": cliff["x"], "y": cliff["y"],
@@ -18,7 +20,7 @@ def draw(cliff_folder, stef_folder, dataset, stem):
             "weight": cliff["weight"],
         }
     )  # fmt: skip
-    stef = pd.concat([read_orientations(stef_folder, hour) for hour in hours], ignore_index=True)
+    stef = pd.concat([read_orientations(layout, dataset, hour) for hour in hours], ignore_index=True)
     stef = stef[stef["probability"] > 0].rename(columns={"probability": "weight"}).assign(map="STeF")
     drawn = pd.concat([cliff, stef[cliff.columns]], ignore_index=True)
     fig, axes = map_panels.panels(dataset, (drawn["x"], drawn["y"]), len(hours), 2)
@@ -32,7 +34,7 @@ def draw(cliff_folder, stef_folder, dataset, stem):
             ax.set_title(f"{name}, {hour}:00–{hour + 1}:00, {len(table)} {what}")
     map_panels.orientation_key(
         fig, axes, dataset,
-        f"{dataset['title']}; colour: orientation, lighter: smaller weight or probability; length: speed "
+        f"{dataset.title}; colour: orientation, lighter: smaller weight or probability; length: speed "
         f"({map_panels.ARROW_M_PER_MPS:g} m for 1 m/s; STeF has none)",
     )  # fmt: skip
-    style.save(fig, stem, drawn, dataset["demo"])
+    style.save(fig, stem, drawn, dataset.demo)

@@ -3,18 +3,20 @@
 import numpy as np
 import pandas as pd
 
+from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.cliff_hours import read_components
+from modlhmp.study.layout import Layout
 
 COLUMNS_OF_PANELS = 5
 
 
-def draw(hourly_folder, whole_day, dataset, stem):
-    """Panels of one location: its components in every hour's map, and in the whole day's (file `whole_day`)."""
-    hours = range(*dataset["hours"])
-    by_hour = {hour: read_components(hourly_folder, hour) for hour in hours}
-    day = read_parquet(whole_day).to_pandas()
+def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
+    """Panels of one location: its components in every hour's map, and in the whole day's."""
+    hours = range(*dataset.hours)
+    by_hour = {hour: read_components(layout, dataset, hour) for hour in hours}
+    day = read_parquet(layout.map(dataset.name, "cliff")).to_pandas()
     place = busy_location(by_hour, day)
     titles = {f"{hour}:00": table for hour, table in by_hour.items()} | {"whole day": day}
     here = {title: _at(table, place) for title, table in titles.items()}
@@ -31,15 +33,15 @@ def draw(hourly_folder, whole_day, dataset, stem):
         ax.set_axis_off()
     where = "no location with dynamics" if place is None else f"({place[0]:g}, {place[1]:g}) m"
     fig.supxlabel(
-        f"{dataset['title']}, CLiFF at {where}: mean of each component;\n"
+        f"{dataset.title}, CLiFF at {where}: mean of each component;\n"
         "colour: orientation, lighter: smaller weight, circle: 1 m/s, n: observations",
         fontsize=6,
     )
     drawn = pd.concat([table.assign(map=title) for title, table in here.items()], ignore_index=True)
-    style.save(fig, stem, drawn[["map", "x", "y", "mean_heading", "mean_speed", "weight", "count"]], dataset["demo"])
+    style.save(fig, stem, drawn[["map", "x", "y", "mean_heading", "mean_speed", "weight", "count"]], dataset.demo)
 
 
-def busy_location(by_hour, day):
+def busy_location(by_hour: dict[int, pd.DataFrame], day: pd.DataFrame) -> tuple[float, float] | None:
     """(x, y) [m] of the location whose quietest hour is the busiest, by observations; None if there is none.
 
     An hour in which a location is not mapped counts 0; ties go to the busier whole day, then to the first.

@@ -1,31 +1,41 @@
 """Figure parameter: ADE against beta and against r_s at several horizons, mean and one SD (paper Sec. V-B)."""
 
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
+from modlhmp.datasets import Dataset
+from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import main_rows
-from modlhmp.study.summary import read_errors, scored_horizons, summarise
+from modlhmp.study.layout import Layout
+from modlhmp.study.summary import read_errors, summarise
 
 NAMES = {"beta": "kernel parameter β", "sampling_radius_m": "sampling radius $r_s$ [m]"}
 
 
-def draw(folders, dataset, method, chosen, horizons, stem):
-    """One column a parameter, one row a protocol.
+def draw(
+    layout: Layout,
+    dataset: Dataset,
+    stem: str,
+    method: str,
+    values: Mapping[str, Sequence[float]],
+    chosen: Mapping[str, float],
+    horizons: Sequence[float],
+) -> None:
+    """One column per parameter, one row per protocol.
 
-    `folders` hold {value}.parquet and are named after the parameter; `chosen` maps a parameter to the value that the
-    other exhibits use, marked by a dotted line.
+    `method` is the title of the studied one; `values` are those that were tried of each parameter, `chosen` those that
+    the other exhibits use, marked by a dotted line; `horizons` [s] are those of the tables.
     """
     horizons = scored_horizons(horizons, dataset)
-    rows = pd.concat([_summaries(Path(folder), dataset) for folder in folders], ignore_index=True)
+    rows = pd.concat([_summaries(layout, dataset, name, tried) for name, tried in values.items()], ignore_index=True)
     rows = rows[[any(np.isclose(h, horizons)) for h in rows["horizon_s"]]]
-    parameters = [Path(folder).name for folder in folders]
-    fig, axes = style.figure(2, len(parameters), height_mm=105.0, sharex="col", sharey=True)
+    fig, axes = style.figure(2, len(values), height_mm=105.0, sharex="col", sharey=True)
     for line, protocol in enumerate(PROTOCOLS):
-        for column, parameter in enumerate(parameters):
+        for column, parameter in enumerate(values):
             ax = axes[line, column]
             one = rows[(rows["parameter"] == parameter) & (rows["protocol"] == protocol)]
             _panel(ax, one, horizons, chosen[parameter])
@@ -40,21 +50,22 @@ def draw(folders, dataset, method, chosen, horizons, stem):
         [f"{horizon:g} s ({_counts(rows, horizon)})" for horizon in horizons],
         loc="outside lower center",
         ncols=2,
-        title=f"{dataset['title']}, {method}: mean,\n"
+        title=f"{dataset.title}, {method}: mean,\n"
         f"1 SD over tracks (thin bars) and over {rows['seeds'].max()} seeds (thick bars) by horizon;\n"
         "in brackets: n scored over the values / eligible, paper and complete protocol;\n"
         "dotted line: the value of the other exhibits",
         title_fontsize=6,
     )
-    style.save(fig, stem, rows, dataset["demo"])
+    style.save(fig, stem, rows, dataset.demo)
 
 
-def _summaries(folder, dataset):
+def _summaries(layout, dataset, parameter, values):
     """Rows of `results.csv` for every value of a parameter, the main output only."""
     tables = []
-    for file in sorted(folder.glob("*.parquet"), key=lambda file: float(file.stem)):
-        table = summarise(dataset["name"], folder.name, read_errors(file), dataset["time_step_s"])
-        tables.append(main_rows(table).assign(value=float(file.stem)))
+    for value in sorted(values):
+        errors = read_errors(layout.study_value(dataset.name, parameter, value))
+        table = summarise(dataset.name, parameter, errors, dataset.time_step_s)
+        tables.append(main_rows(table).assign(value=float(value)))
     return pd.concat(tables, ignore_index=True).rename(columns={"method": "parameter"})
 
 

@@ -1,24 +1,30 @@
 """Figure runtime: time, memory and map size beside the paper's, and their growth (paper Sec. V-A, runtime analysis)."""
 
+import json
 import textwrap
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.ticker import NullFormatter
 
+from modlhmp.datasets import Dataset
 from modlhmp.study import published
 from modlhmp.study.exhibits import style
+from modlhmp.study.layout import Layout
 
 GROWTH = {"N": "tracks N", "T": "steps T", "M": "locations M of an hour"}
 
 
-def draw(measured, datasets, method, stem):
-    """`measured` lists what `scoring.runtime.measure` gave for each of `datasets`."""
+def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, method: str) -> None:
+    """What `study.runtime.measure` gave for each dataset; `method` is the measured one's title."""
+    measured = [json.loads(Path(layout.runtime(one.name)).read_text(encoding="utf-8")) for one in datasets]
     fig, axes = style.figure(2, 3, style.PAGE_MM, 92.0)
-    names = [dataset["title"] for dataset in datasets]
+    names = [dataset.title for dataset in datasets]
     seconds = [one["latency_s"] * 1000 for one in measured]
-    theirs = [published.SECONDS_PER_TRACK.get(dataset["label"], np.nan) * 1000 for dataset in datasets]
-    _bars(axes[0, 0], names, seconds, theirs, "time of a track alone [ms]", log=True)
+    theirs = [published.SECONDS_PER_TRACK.get(dataset.label, np.nan) * 1000 for dataset in datasets]
+    _bars(axes[0, 0], names, seconds, theirs, "time of a single track [ms]", log=True)
     memory = [one["memory_mb"] for one in measured]
     _bars(axes[0, 1], names, memory, [published.MEMORY_MB] * len(names), "resident memory [MB]")
     sizes = [one["map_kb"] for one in measured]
@@ -39,7 +45,7 @@ def draw(measured, datasets, method, stem):
     handles, labels = [*(bar for bar in bars if hasattr(bar, "patches")), *lines], ["ours", "the paper", *names]
     machine = measured[0]["machine"]
     counts = [
-        f"{name}: {d['horizon_s']:g} s; of {one['tracks']} tracks at once each takes "
+        f"{name}: {d.horizon_s:g} s; of {one['tracks']} tracks together each takes "
         f"{1000 * one['seconds_per_track']:.3g} ms"
         for name, d, one in zip(names, datasets, measured, strict=True)
     ]
@@ -50,7 +56,7 @@ def draw(measured, datasets, method, stem):
     )
     note = "\n".join(textwrap.wrap(note, 150))
     fig.legend(handles, labels, loc="outside lower center", ncols=len(labels), title=note, title_fontsize=6)
-    style.save(fig, stem, _numbers(measured, datasets), any(dataset["demo"] for dataset in datasets))
+    style.save(fig, stem, _numbers(measured, datasets), any(dataset.demo for dataset in datasets))
 
 
 def _bars(ax, names, ours, theirs, label, log=False):
@@ -73,9 +79,9 @@ def _numbers(measured, datasets):
     rows = []
     for dataset, one in zip(datasets, measured, strict=True):
         single = {key: value for key, value in one.items() if isinstance(value, int | float)}
-        rows += [(dataset["name"], key, "", value) for key, value in single.items()]
+        rows += [(dataset.name, key, "", value) for key, value in single.items()]
         for name, line in one["growth"].items():
-            rows += [(dataset["name"], f"seconds against {name}", row[0], row[1]) for row in line]
-            rows += [(dataset["name"], f"exponent of {name}, {what}", "", value)
+            rows += [(dataset.name, f"seconds against {name}", row[0], row[1]) for row in line]
+            rows += [(dataset.name, f"exponent of {name}, {what}", "", value)
                      for what, value in zip(("slope", "low", "high"), one["exponents"][name], strict=True)]  # fmt: skip
     return pd.DataFrame(rows, columns=["dataset", "quantity", "size", "value"])

@@ -1,8 +1,10 @@
 """Picking and printing rows of `results.csv`, and the track that figures show as an example."""
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 import pyarrow.compute as pc
 import pyarrow.dataset
 
@@ -18,21 +20,21 @@ class Example(NamedTuple):
     of: int
 
 
-def main_rows(results):
+def main_rows(results: pd.DataFrame) -> pd.DataFrame:
     """Rows of each method's main output."""
     main = results.groupby(["dataset", "method"])["output"].transform(lambda outputs: main_output(set(outputs)))
     return results[results["output"] == main]
 
 
-def scored_of(row):
+def scored_of(row: pd.Series) -> str:
     """`n/eligible` of a row; n is a mean over seeds, so it may have a decimal."""
     return f"{row['n']:.1f}".removesuffix(".0") + f"/{row['eligible']:.0f}"
 
 
-def errors_at(errors_file, steps):
-    """ADE [m] of a method's main output after `steps` by its first (smallest) seed, complete protocol; a DataFrame.
+def errors_at(errors_file: str | Path, steps: int) -> pd.DataFrame:
+    """ADE [m] of a method's main output after `steps` by its first (smallest) seed, complete protocol.
 
-    One row a test track: `recording`, `track_id`, `ade_m` (NaN where the track ends earlier), and whether it is
+    One row per test track: `recording`, `track_id`, `ade_m` (NaN where the track ends earlier), and whether it is
     `eligible` at that horizon under the paper protocol. Only the lists' one element is kept in memory.
     """
     known = read_parquet(errors_file, ["output", "seed"])
@@ -49,7 +51,7 @@ def errors_at(errors_file, steps):
     return both.assign(eligible=both.pop("eligible_steps") >= steps)
 
 
-def example_track(errors):
+def example_track(errors: pd.DataFrame) -> Example | None:
     """The eligible track of median error (the lower of two middle ones), an `Example`; None if there is none.
 
     `errors` as from `errors_at`. Tracks of equal error stand in the order of their recordings' names and their ids.

@@ -5,16 +5,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits import map_panels, style
+from modlhmp.study.layout import Layout
 
 ARROW_OF_CELL = 0.85  # length of an arrow, of a cell
 
 
-def draw(folder, dataset, stem):
-    """Draw the maps of `dataset["figure_hours"]` from a folder of {hour}.parquet."""
-    hours = dataset["figure_hours"]
-    tables = {hour: read_orientations(folder, hour) for hour in hours}
+def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
+    """Draw the STeF-maps of `dataset.figure_hours`, one per panel."""
+    hours = dataset.figure_hours
+    tables = {hour: read_orientations(layout, dataset, hour) for hour in hours}
     tables = {hour: dominant(table) for hour, table in tables.items()}
     drawn = pd.concat(tables.values(), ignore_index=True)
     fig, axes = map_panels.panels(dataset, (drawn["x"], drawn["y"]), 1, len(hours))
@@ -26,15 +28,18 @@ def draw(folder, dataset, stem):
         ax.set_title(f"{hour}:00–{hour + 1}:00, {len(table)} cells")
     map_panels.orientation_key(
         fig, axes, dataset,
-        f"{dataset['title']}, STeF-map in the middle of the hour: dominant orientation of each cell (colour); "
+        f"{dataset.title}, STeF-map in the middle of the hour: dominant orientation of each cell (colour); "
         "the map has no speed, all arrows are equally long",
     )  # fmt: skip
-    style.save(fig, stem, drawn[["hour", "x", "y", "heading", "probability"]], dataset["demo"])
+    style.save(fig, stem, drawn[["hour", "x", "y", "heading", "probability"]], dataset.demo)
 
 
-def read_orientations(folder, hour):
-    """An hour's map with one row a cell and orientation: hour, x, y [m], heading [rad], probability, length [m]."""
-    path = Path(folder) / f"{hour:02d}.parquet"
+def read_orientations(layout: Layout, dataset: Dataset, hour: int) -> pd.DataFrame:
+    """An hour's STeF-map, one row per cell and orientation; empty where the hour has no map.
+
+    Columns: hour, x, y [m], heading [rad], probability, length of its arrow [m].
+    """
+    path = Path(layout.map_hour(dataset.name, "stef", hour))
     if not path.exists():
         return pd.DataFrame(columns=["hour", "x", "y", "heading", "probability", "length"], dtype=float)
     table = read_parquet(path)
@@ -53,7 +58,7 @@ def read_orientations(folder, hour):
     )
 
 
-def dominant(table):
+def dominant(table: pd.DataFrame) -> pd.DataFrame:
     """The likeliest orientation of each cell that has dynamics (ties: the first)."""
     alive = table[table["probability"] > 0]
     return alive.loc[alive.groupby(["x", "y"])["probability"].idxmax()]

@@ -1,17 +1,26 @@
 """How every exhibit looks: one place for sizes, colours, lines and the labels that keep results honest."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+import pandas as pd
 from matplotlib.colors import LinearSegmentedColormap
 
+from modlhmp.datasets import Dataset
 from modlhmp.floor_plan import load_floor_plan
 from modlhmp.storage import atomic_path, write_text
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.transforms import Affine2D
+
+Look = dict[str, Any]  # options of lines and patches
 
 MM = 1 / 25.4
 COLUMN_MM, PAGE_MM = 88.0, 180.0
@@ -63,7 +72,7 @@ mpl.rcParams.update(
 )
 
 
-def method_style(position):
+def method_style(position: int) -> dict[str, Any]:
     """Line colour, style and marker of the method at a position of the tables."""
     return {
         "color": _COLOURS[position % len(_COLOURS)],
@@ -73,28 +82,30 @@ def method_style(position):
     }
 
 
-def line_of(position):
+def line_of(position: int) -> Line2D:
     """A line for legends in the style of a position."""
-    return plt.Line2D([], [], **method_style(position))
+    return Line2D([], [], **method_style(position))
 
 
-def figure(rows, columns, width_mm=COLUMN_MM, height_mm=60.0, **options):
-    """A figure of printed size and its axes, always as a 2-d array."""
+def figure(
+    rows: int, columns: int, width_mm: float = COLUMN_MM, height_mm: float = 60.0, **options: Any
+) -> tuple[Figure, np.ndarray]:
+    """A figure of printed size and its axes [rows, columns]."""
     return plt.subplots(rows, columns, figsize=(width_mm * MM, height_mm * MM), squeeze=False, **options)
 
 
-def heading_colour(heading):
-    """Colour of a heading [rad]."""
+def heading_colour(heading: np.ndarray | pd.Series) -> np.ndarray:
+    """Colours [n, 4] (RGBA) of headings [n] in rad."""
     return ORIENTATION(np.mod(np.asarray(heading) / (2 * np.pi), 1.0))
 
 
-def orientation_scale():
+def orientation_scale() -> mpl.cm.ScalarMappable:
     """Mappable of the orientation colours, 0 to 2 pi, for colour keys."""
     return mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, 2 * np.pi), ORIENTATION)
 
 
-def draw_floor_plan(axes, files):
-    """Draw a dataset's floor plan (its `floor_plan` list of files) under the data of `axes`, whose limits it keeps."""
+def draw_floor_plan(axes: Axes, files: Sequence[str]) -> None:
+    """Draw a dataset's floor plan (its `floor_plan`, maybe empty) under the data of `axes`, whose limits it keeps."""
     if not files:
         return
     plan = load_floor_plan(files[0])
@@ -110,19 +121,19 @@ def draw_floor_plan(axes, files):
     axes.set(xlim=limits[0], ylim=limits[1])
 
 
-def image_coordinates(dataset):
+def image_coordinates(dataset: Dataset) -> bool:
     """Whether y grows downwards in a dataset's recordings, as in images."""
-    return dataset["reader"].startswith("edinburgh")
+    return dataset.reader.startswith("edinburgh")
 
 
-def empty_panel(axes, text):
+def empty_panel(axes: Axes, text: str) -> None:
     """A labelled empty panel where there is nothing to draw."""
     axes.set_axis_off()
     axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, wrap=True)
 
 
-def save(fig, stem, numbers, demo):
-    """Save `stem`.pdf, .png and .csv (the plotted numbers, a DataFrame); demo data are labelled as such."""
+def save(fig: Figure, stem: str, numbers: pd.DataFrame, demo: bool) -> None:
+    """Save `stem`.pdf, .png and .csv (the plotted numbers); demo data are labelled as such."""
     if demo:
         fig.suptitle("Demo data (made-up people)", fontsize=7, color="#B03030")
     for suffix in ("pdf", "png"):

@@ -1,13 +1,23 @@
 """The forms of a table: CSV, Markdown, HTML (for the report) and LaTeX booktabs, demo data labelled in each."""
 
 import html
+from collections.abc import Sequence
+
+import pandas as pd
 
 from modlhmp.storage import write_text
 
 DEMO_NOTE = "Demo data (made-up people): not comparable with the paper."
 
 
-def write_table(table, stem, heading, demo, note="", others=()):
+def write_table(
+    table: pd.DataFrame,
+    stem: str,
+    heading: str,
+    demo: bool,
+    note: str = "",
+    others: Sequence[tuple[str, pd.DataFrame]] = (),
+) -> None:
     """Write `table` in its four forms; `others` [(title, DataFrame)] follow it in Markdown and HTML."""
     notes = [*([DEMO_NOTE] if demo else []), *([note] if note else [])]
     plain = table.map(lambda cell: cell.replace("**", "") if isinstance(cell, str) else cell)

@@ -1,85 +1,101 @@
 """Tables tab_scenarios (parameters), tab_expres (results) and tab_ttests."""
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 import pandas as pd
 
+from modlhmp.datasets import Dataset
+from modlhmp.forecasting.observe import seconds_after_t0
+from modlhmp.scoring.horizons import scored_horizons
+from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits.selection import main_rows, scored_of
 from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.layout import Layout
 from modlhmp.study.published import RESULTS, RESULTS_AT_S
-from modlhmp.study.summary import scored_horizons
+from modlhmp.tracks import read_tracks
 
 
-def write_parameters(datasets, rollout, cliff, stef, lengths, stem):
-    """Parameter table; `lengths` maps a dataset to the seconds after t0 of its usable test tracks."""
+def draw_parameters(
+    layout: Layout,
+    datasets: Sequence[Dataset],
+    stem: str,
+    recordings: Mapping[str, Sequence[str]],
+    constants: Mapping[str, float],
+) -> None:
+    """Parameters of the experiment, with the 90th percentile of the length of each dataset's test tracks.
+
+    `recordings` are the test recordings of each dataset by its name; `constants` are `cliff_resolution_m`,
+    `stef_resolution_m`, `sampling_radius_m`, `beta` and `k`, the same for all.
+    """
+    lengths = {
+        dataset.name: seconds_after_t0(
+            (read_tracks(layout.tracks(dataset.name, one)) for one in recordings[dataset.name]), dataset.observed_rows
+        )
+        for dataset in datasets
+    }
     rows = {
-        "observation horizon O_s [s]": lambda d: (d["observed_rows"] - 1) * d["time_step_s"],
-        "max prediction horizon T_s [s]": lambda d: d["horizon_s"],
-        "prediction time step Δt [s]": lambda d: d["time_step_s"],
-        "CLiFF-map resolution [m]": lambda d: cliff["resolution_m"],
-        "STeF-map resolution [m]": lambda d: stef["resolution_m"],
-        "sampling radius r_s [m]": lambda d: rollout["sampling_radius_m"],
-        "kernel parameter β": lambda d: rollout["beta"],
-        "futures a track k": lambda d: rollout["k"],
-        "usable test tracks": lambda d: len(lengths[d["name"]]),
+        "observation horizon O_s [s]": lambda d: (d.observed_rows - 1) * d.time_step_s,
+        "max prediction horizon T_s [s]": lambda d: d.horizon_s,
+        "prediction time step Δt [s]": lambda d: d.time_step_s,
+        "CLiFF-map resolution [m]": lambda d: constants["cliff_resolution_m"],
+        "STeF-map resolution [m]": lambda d: constants["stef_resolution_m"],
+        "sampling radius r_s [m]": lambda d: constants["sampling_radius_m"],
+        "kernel parameter β": lambda d: constants["beta"],
+        "futures per track k": lambda d: constants["k"],
+        "usable test tracks": lambda d: len(lengths[d.name]),
         "90th percentile of their length after t0 [s]": lambda d: (
-            float(np.percentile(lengths[d["name"]], 90)) if len(lengths[d["name"]]) else float("nan")
+            float(np.percentile(lengths[d.name], 90)) if len(lengths[d.name]) else float("nan")
         ),
     }
     table = pd.DataFrame({"parameter": list(rows)})
     for dataset in datasets:
-        table[dataset["title"]] = [f"{value(dataset):g}" for value in rows.values()]
-    write_table(table, stem, "Parameters", any(d["demo"] for d in datasets))
+        table[dataset.title] = [f"{value(dataset):g}" for value in rows.values()]
+    write_table(table, stem, "Parameters", any(dataset.demo for dataset in datasets))
 
 
-def write_results(results, datasets, methods, horizons, stem):
+def draw_results(
+    layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str], horizons: Sequence[float]
+) -> None:
     """Results table at each dataset's longest horizon: both protocols, own lengths, walls; best errors in bold.
 
-    The Markdown and HTML files add all table horizons; `methods` maps names to titles in table order.
+    The Markdown and HTML files add all table `horizons` [s]; `methods` maps names to titles in table order.
     """
-    results = main_rows(results)
+    results = main_rows(pd.read_csv(layout.scores))
     blocks, others = [], []
     for dataset in datasets:
-        rows = results[results["dataset"] == dataset["name"]]
-        last = dataset["horizon_s"]
-        paper, complete = (_at(rows, methods, protocol, last) for protocol in ("paper", "complete"))
-        block = pd.DataFrame({"dataset": f"{dataset['title']}, {last:g} s", "method": list(methods.values())})
-        for name, at in (("paper protocol", paper), ("complete protocol", complete)):
-            block[f"{name}: ADE / FDE"] = _errors(at)
-            block[f"{name}: n"] = [_count(row) for _, row in at.iterrows()]
-        block["each track at its own length: ADE / FDE"] = _errors(complete, "own_ade_m", "own_fde_m")
-        block["own length: n"] = [f"{n:.0f}" if np.isfinite(n) else "not run" for n in complete["own_n"]]
-        block["into walls (truth) [%]"] = [_walls(row) for _, row in complete.iterrows()]
-        published = {}
-        if dataset["paper_results"] and RESULTS_AT_S[dataset["paper_results"]] == last:
-            published = RESULTS[dataset["paper_results"]]
-        cells = ["{:.3f} / {:.3f}".format(*published[m]) if m in published else "–" for m in methods]
-        block["the paper (another experiment)"] = cells
-        blocks.append(block)
+        rows = results[results["dataset"] == dataset.name]
+        blocks.append(_longest(rows, dataset, methods))
         for protocol in ("paper", "complete"):
             table = pd.DataFrame({"method": list(methods.values())})
             for horizon in scored_horizons(horizons, dataset):
                 at = _at(rows, methods, protocol, horizon)
                 cells = zip(_errors(at), (_count(row) for _, row in at.iterrows()), strict=True)
                 table[f"{horizon:g} s"] = [f"{errors} (n {count})" for errors, count in cells]
-            others.append((f"{dataset['title']}, {protocol} protocol: ADE / FDE [m]", table))
+            others.append((f"{dataset.title}, {protocol} protocol: ADE / FDE [m]", table))
     spread = results["ade_seed_sd_m"].max()
     note = (
-        "ADE / FDE in m: means over the seeds of a track, then over tracks; n: tracks scored / eligible. Both the own "
-        "lengths (a track counts at its own length, or at the horizon if it is longer) and the share of forecasts that "
-        "come 0.3 m inside a wall are of the complete protocol."
+        "ADE / FDE in m: means over the seeds of a track, then over tracks; n: tracks scored / eligible. The columns "
+        "of own lengths (a track counts at its own length, or at the horizon if it is longer) and of the share of "
+        "forecasts that come 0.3 m inside a wall are under the complete protocol."
     )
     if np.isfinite(spread):
-        note += f" {results['seeds'].max():.0f} seeds; their mean ADE have an SD of at most {spread:.3f} m."
-    write_table(pd.concat(blocks), stem, "Results", any(d["demo"] for d in datasets), note, others)
+        note += f" {results['seeds'].max():.0f} seeds; the SD of the mean ADE over seeds is at most {spread:.3f} m."
+    write_table(pd.concat(blocks), stem, "Results", any(dataset.demo for dataset in datasets), note, others)
 
 
-def write_ttests(tests, datasets, methods, stem):
-    """All paired tests: is the first method's error smaller on the tracks that both scored?"""
+def draw_ttests(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
+    """All paired tests: is the first method's error smaller on the tracks that both scored?
+
+    `methods` maps names to titles.
+    """
+    files = [layout.ttests(dataset.name) for dataset in datasets]
+    tests = pd.concat([read_parquet(file).to_pandas() for file in files], ignore_index=True)
     tests = tests.assign(
         method=tests["method"].map(methods),
         against=tests["against"].map(methods),
         metric=tests["metric"].str.upper(),
-        dataset=tests["dataset"].map({d["name"]: d["title"] for d in datasets}),
+        dataset=tests["dataset"].map({dataset.name: dataset.title for dataset in datasets}),
     )
     shown = tests.drop(columns=["output", "output_against"])
     for name in ("mean_difference_m", "ci_low_m", "ci_high_m", "effect_size", "t"):
@@ -87,7 +103,26 @@ def write_ttests(tests, datasets, methods, stem):
     for name in ("p", "p_holm"):
         shown[name] = shown[name].map("{:.2g}".format)
     note = "H1: the error of `method` is smaller than that of `against`; Holm-corrected per dataset and protocol."
-    write_table(shown, stem, "Paired one-sided t-tests", any(d["demo"] for d in datasets), note)
+    write_table(shown, stem, "Paired one-sided t-tests", any(dataset.demo for dataset in datasets), note)
+
+
+def _longest(rows, dataset, methods):
+    """One row per method at the dataset's longest horizon."""
+    last = dataset.horizon_s
+    paper, complete = (_at(rows, methods, protocol, last) for protocol in ("paper", "complete"))
+    block = pd.DataFrame({"dataset": f"{dataset.title}, {last:g} s", "method": list(methods.values())})
+    for name, at in (("paper protocol", paper), ("complete protocol", complete)):
+        block[f"{name}: ADE / FDE"] = _errors(at)
+        block[f"{name}: n"] = [_count(row) for _, row in at.iterrows()]
+    block["each track at its own length: ADE / FDE"] = _errors(complete, "own_ade_m", "own_fde_m")
+    block["own length: n"] = [f"{n:.0f}" if np.isfinite(n) else "not run" for n in complete["own_n"]]
+    block["into walls (truth) [%]"] = [_walls(row) for _, row in complete.iterrows()]
+    published = {}
+    if dataset.paper_results and RESULTS_AT_S[dataset.paper_results] == last:
+        published = RESULTS[dataset.paper_results]
+    cells = ["{:.3f} / {:.3f}".format(*published[m]) if m in published else "–" for m in methods]
+    block["the paper (another experiment)"] = cells
+    return block
 
 
 def _at(rows, methods, protocol, horizon):

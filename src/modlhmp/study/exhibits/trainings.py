@@ -1,35 +1,47 @@
 """Table tab_models: how the networks were trained, and whether they had finished."""
 
 import json
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.layout import Layout
 
 
-def read_trainings(files):
+def read_trainings(
+    layout: Layout, datasets: Sequence[Dataset], methods: Iterable[str]
+) -> dict[tuple[str, str], dict[str, Any]]:
     """What each training left, the JSON beside its weights: {(dataset name, method): dict}."""
-    paths = [Path(file) for file in files]
-    return {(path.parts[-3], path.stem): json.loads(path.read_text(encoding="utf-8")) for path in paths}
+    return {
+        (dataset.name, method): json.loads(Path(layout.training(dataset.name, method)).read_text(encoding="utf-8"))
+        for dataset in datasets
+        for method in methods
+    }
 
 
-def late_change(curve):
+def late_change(curve: Sequence[Mapping[str, float]]) -> float:
     """Mean validation ADE [m] of the last fifth of the epochs less that of the fifth before; NaN below 5 epochs."""
     ade = np.array([row["validation_ade_m"] for row in curve])
     fifth = len(ade) // 5
     return ade[-fifth:].mean() - ade[-2 * fifth : -fifth].mean() if fifth else np.nan
 
 
-def write_models(trainings, datasets, methods, stem):
-    """One row a network: its size, its data, how long it was trained, and its validation error."""
-    rows = []
-    for (name, method), one in trainings.items():
+def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
+    """One row per dataset and network: its size, its data, how long it was trained, and its validation error.
+
+    `methods` maps the networks' names to their titles.
+    """
+    rows, titles = [], {dataset.name: dataset.title for dataset in datasets}
+    for (name, method), one in read_trainings(layout, datasets, methods).items():
         change = late_change(one["curve"])
         rows.append(
             {
-                "dataset": next(d["title"] for d in datasets if d["name"] == name),
+                "dataset": titles[name],
                 "method": methods[method],
                 "budget": one["budget"],
                 "futures": one["futures"],
@@ -48,4 +60,4 @@ def write_models(trainings, datasets, methods, stem):
         "length; the change compares its mean over the last fifth of the epochs with that over the fifth before. An "
         "epoch is one window of every track. Budgets below `full` are reduced: docs/decisions.md."
     )
-    write_table(pd.DataFrame(rows), stem, "Trained networks", any(d["demo"] for d in datasets), note)
+    write_table(pd.DataFrame(rows), stem, "Trained networks", any(dataset.demo for dataset in datasets), note)

@@ -1,11 +1,13 @@
 """Table tab_uncertainty: how good each method's forecasts are as distributions (not in the paper)."""
 
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from modlhmp.datasets import Dataset
 from modlhmp.scoring.uncertainty import BEST_OF, SAMPLES
 from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.layout import Layout
 from modlhmp.study.reliability import read_uncertainty, summarise
 
 HEADINGS = {
@@ -26,19 +28,16 @@ FORMS = {"ratio": "{:.2f}", "samples": "{:.1f}", "n": "{:.0f}", "n_left": "{:.0f
 BEST = ("energy_m", "best_ade_m", "best_fde_m", "brier")  # the lowest of each is bold
 
 
-def write(folder, datasets, methods, stem):
-    """One row a dataset, horizon and method.
-
-    `folder` is results/{run}, `methods` maps the names of those that were measured to titles in table order.
-    """
+def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
+    """One row per dataset, horizon and method; `methods` maps the measured ones' names to titles in table order."""
     parts = [
-        summarise(one["name"], method, *read_uncertainty(Path(folder) / one["name"] / f"uncertainty/{method}.parquet"))
+        summarise(one.name, method, *read_uncertainty(layout.uncertainty(one.name, method)))
         for one in datasets
         for method in methods
     ]
     rows = pd.concat(parts, ignore_index=True)
     rows["left_share"] *= 100
-    titles = {one["name"]: one["title"] for one in datasets}
+    titles = {one.name: one.title for one in datasets}
     for column, names in (("dataset", titles), ("method", methods)):
         rows[column] = pd.Categorical(rows[column], list(names))
     rows = rows.sort_values(["dataset", "horizon_s", "method"])
@@ -57,4 +56,4 @@ def write(folder, datasets, methods, stem):
         "method that is as sure as it may be has a ratio of 1, one that is too sure a larger one. Has left: the "
         "probability that the person's track ends before the horizon. Means over a track's seeds, then over tracks."
     )
-    write_table(table, stem, "Forecasts as distributions", any(one["demo"] for one in datasets), note)
+    write_table(table, stem, "Forecasts as distributions", any(one.demo for one in datasets), note)

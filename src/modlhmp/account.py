@@ -1,0 +1,62 @@
+"""The account of a recording: every row and track read is either kept or dropped under a name."""
+
+from collections import Counter
+from typing import Any
+
+
+class Account:
+    """Counts of rows and tracks; `add_up` proves that none was lost."""
+
+    def __init__(self) -> None:
+        self.rows_read = 0
+        self.tracks_read = 0
+        self.rows_kept = 0
+        self.tracks_kept = 0
+        self.rows_written = 0
+        self.dropped_rows: Counter[str] = Counter()
+        self.dropped_tracks: Counter[str] = Counter()
+        self.first_seen: dict[str, str] = {}
+        self.notes: Counter[str] = Counter()
+
+    def drop_rows(self, reason: str, count: int, example: str | None = None) -> None:
+        """Count `count` rows as dropped for `reason`; `example` is the first row's number and text."""
+        if count:
+            self.dropped_rows[reason] += int(count)
+            if example is not None:
+                self.first_seen.setdefault(reason, example)
+
+    def drop_tracks(self, reason: str, tracks: int, rows: int) -> None:
+        """Count whole tracks, with the rows they had, as dropped for `reason`."""
+        if tracks:
+            self.dropped_tracks[reason] += int(tracks)
+            self.dropped_rows[reason] += int(rows)
+
+    def as_dict(self) -> dict[str, Any]:
+        """The account as plain JSON data; `ValueError` if it does not add up."""
+        self.add_up()
+        return {
+            "rows": {
+                "read": self.rows_read,
+                "kept": self.rows_kept,
+                "dropped": dict(sorted(self.dropped_rows.items())),
+            },
+            "tracks": {
+                "read": self.tracks_read,
+                "kept": self.tracks_kept,
+                "dropped": dict(sorted(self.dropped_tracks.items())),
+            },
+            "rows_written": self.rows_written,
+            "first_seen": self.first_seen,
+            "notes": dict(sorted(self.notes.items())),
+        }
+
+    def add_up(self) -> None:
+        """Raise `ValueError` unless read = kept + dropped, for rows and for tracks."""
+        for kind, read, kept, dropped in (
+            ("rows", self.rows_read, self.rows_kept, self.dropped_rows),
+            ("tracks", self.tracks_read, self.tracks_kept, self.dropped_tracks),
+        ):
+            if read != kept + sum(dropped.values()):
+                raise ValueError(
+                    f"the account does not add up: {read} {kind} read, {kept} kept, dropped {dict(dropped)}"
+                )

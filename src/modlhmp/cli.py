@@ -1,0 +1,62 @@
+"""The command `modlhmp`: thin over the names of the library."""
+
+from typing import Annotated
+
+import typer
+
+from modlhmp import __version__
+from modlhmp.kinds import Kind, all_kinds, find
+from modlhmp.settings import fields_of
+from modlhmp.storage import DataError
+
+app = typer.Typer(help="Maps of dynamics and long-term human motion prediction.", no_args_is_help=True)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"modlhmp {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Maps of dynamics and long-term human motion prediction."""
+
+
+@app.command()
+def kinds(name: Annotated[str, typer.Argument(help="A kind whose options are shown.")] = "") -> None:
+    """List the kinds of maps, predictors and networks, also other packages'; or the options of one."""
+    if name:
+        return _describe(find(name))
+    for kind in all_kinds().values():
+        what = "map" if kind.has_map else "network" if kind.learned else "predictor"
+        what += ", one per hour" if kind.hourly else ""
+        typer.echo(f"{kind.name:<14} {kind.title:<14} {what}")
+    return None
+
+
+def _describe(kind: Kind) -> None:
+    typer.echo(f"{kind.name}: {kind.title}")
+    for heading, cls in (("Its map is built with", kind.building), ("It forecasts with", kind.options)):
+        rows = fields_of(cls) if cls is not None else []
+        if rows:
+            typer.echo(f"\n{heading}")
+        for option, of, default, meaning in rows:
+            typer.echo(f"  {option} = {default!r} ({of})\n      {meaning}")
+
+
+def main() -> None:
+    """Run the command; an error of ours is one line."""
+    try:
+        app()
+    except DataError as error:
+        typer.echo(str(error), err=True)
+        raise SystemExit(1) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,173 @@
+"""The contract of a kind, as checks that its author can run.
+
+    from modlhmp.contract import check_kind
+    check_kind(KIND)              # of a package that registers KIND under the entry point group `modlhmp.kinds`
+
+Every check raises `AssertionError` with what was expected of the kind.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from modlhmp.api import build_map, load_map
+from modlhmp.forecasting.base import Forecast, Forecaster
+from modlhmp.forecasting.observe import Observed, observe
+from modlhmp.kinds import Kind, all_kinds
+from modlhmp.methods import forecaster_of
+from modlhmp.settings import check, fields_of
+from modlhmp.site import Site
+from modlhmp.streams import stream_keys
+from modlhmp.tracks import Tracks, usable_tracks
+
+STEPS, FUTURES = 8, 3
+OUTPUTS = ("ranked", "median", "mean", "single")
+SITE = Site(timezone="Europe/London", hours=(7, 9), horizon_s=STEPS)
+
+
+def crowd(people: int = 80, seconds: int = 20) -> Tracks:
+    """Made-up tracks, 1 Hz: people who walk along a corridor both ways, side by side, at two hours of a day."""
+    rng, parts = np.random.default_rng(0), []
+    for person in range(people):
+        way, t = 1.0 if person % 2 else -1.0, np.arange(seconds, dtype=float)
+        began = 1.3e9 + 40.0 * person + 3600.0 * (person >= people // 2)
+        x = way * (rng.normal(1.2, 0.1) * t - 10.0) + rng.normal(0, 0.03, seconds)
+        y = rng.normal(0, 0.5) + rng.normal(0, 0.03, seconds)
+        speed, heading = np.full(seconds, np.nan), np.full(seconds, np.nan)
+        speed[1:], heading[1:] = np.hypot(np.diff(x), np.diff(y)), np.arctan2(np.diff(y), np.diff(x))
+        parts.append((np.full(seconds, person), began + t, x, y, speed, heading))
+    return Tracks(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def check_kind(kind: Kind, tracks: Tracks | None = None, site: Site = SITE, **options: Any) -> None:
+    """Check everything that the workflow and the library rely on; `options` are a method's, where defaults will not do.
+
+    `tracks` (by default `crowd()`) are what its map is built from and whom it forecasts. A network is built, but not
+    trained: its loss must be a finite number on some scenes.
+    """
+    check_record(kind)
+    tracks = crowd() if tracks is None else tracks
+    chosen: Any = check(kind.options, options, f"options of {kind.name}")
+    if kind.learned:
+        return check_network(kind, chosen, tracks, site)
+    if kind.forecasts is None:
+        return None
+    if not kind.has_map:
+        return check_forecaster(forecaster_of(kind, None, site, chosen), tracks, site, kind.random)
+    a_map = build_map(kind.name, tracks, site)
+    exits = build_map_of_exits(tracks, site) if kind.sampled and chosen.exits else None
+    check_forecaster(forecaster_of(kind, a_map.model(chosen), site, chosen, exits), tracks, site, kind.random)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / kind.map_file
+        a_map.save(path)
+        again = load_map(path)
+    tables = zip([a_map.whole, *a_map.hours.values()], [again.whole, *again.hours.values()], strict=True)
+    same = all(ours is None or theirs is None or ours.equals(theirs) for ours, theirs in tables)
+    assert same and again.kind == kind.name, f"{kind.name}: a map that is saved and loaded is another one"
+    return None
+
+
+def check_record(kind: Kind) -> None:
+    """The record itself: it is registered, its options are settings with defaults and meanings, its modules exist."""
+    assert all_kinds().get(kind.name) == kind, f"{kind.name}: it is registered under no entry point of modlhmp.kinds"
+    for cls in filter(None, (kind.options, kind.building)):
+        assert dataclasses.is_dataclass(cls), f"{kind.name}: {cls.__name__} is no dataclass"
+        check(cls, {}, f"{kind.name}: {cls.__name__}, its defaults")
+        silent = [name for name, _, _, meaning in fields_of(cls) if not meaning]
+        assert not silent, f"{kind.name}: options {silent} of {cls.__name__} say nothing: use modlhmp.settings.option"
+    for module in kind.code:
+        import_module(module)
+    if kind.has_map:
+        wanted = ["build_hours" if kind.hourly else "build", *(["load"] if kind.forecasts else [])]
+        missing = [name for name in wanted if not hasattr(kind.implementation(), name)]
+        assert not missing, f"{kind.name}: {kind.module} lacks {', '.join(missing)}"
+
+
+def check_forecaster(forecaster: Forecaster, tracks: Tracks, site: Site, random: bool = True) -> None:
+    """Shapes, types and the rules of random numbers: a forecast depends on its track and keys, and on nothing else."""
+    observed = observe(tracks, usable_tracks(tracks, site.observed_rows), site.observed_rows)
+    keys = stream_keys(observed.track_id, FUTURES, 0, "contract")
+    whole = forecaster(observed, STEPS, keys)
+    check_forecast(whole, observed, STEPS)
+    _same(whole, forecaster(observed, STEPS, keys), "asked again, it forecasts something else")
+    order = np.random.default_rng(1).permutation(len(keys))
+    some = _take(observed, order[: len(order) // 2])
+    part = forecaster(some, STEPS, keys[order[: len(order) // 2]])
+    _same(_rows(whole, order[: len(order) // 2]), part, "a forecast depends on who else is forecast, or in which order")
+    other = forecaster(observed, STEPS, stream_keys(observed.track_id, FUTURES, 1, "contract"))
+    changed = not np.array_equal(whole.xy, other.xy)
+    assert changed or random is False or whole.xy.shape[1] == 1, "the kind says `random`, but the keys change nothing"
+    assert random or not changed, "the kind says that it is not `random`, but the keys change its forecasts"
+
+
+def check_forecast(forecast: Forecast, observed: Observed, steps: int) -> None:
+    """The form of a `Forecast` of these walkers."""
+    n, k = forecast.xy.shape[:2]
+    assert forecast.output in OUTPUTS, f"output {forecast.output!r} is none of {', '.join(OUTPUTS)}"
+    assert forecast.xy.shape == (n, k, steps, 2) and n == len(observed.track_id), (
+        f"xy has the shape {forecast.xy.shape}"
+    )
+    assert forecast.xy.dtype == np.float32, f"xy is {forecast.xy.dtype}, float32 is stored"
+    assert np.isfinite(forecast.xy).all(), "a position is not a number; hold a future that stops at its last one"
+    assert forecast.log_fitness.shape == (n, k, steps), f"log_fitness has the shape {forecast.log_fitness.shape}"
+    assert forecast.steps_alive.shape == (n, k), f"steps_alive has the shape {forecast.steps_alive.shape}"
+    lived = forecast.steps_alive
+    assert ((lived >= 0) & (lived <= steps)).all(), f"steps_alive runs from {lived.min()} to {lived.max()} of {steps}"
+    if forecast.output == "ranked":
+        start = np.column_stack([observed.x[:, -1], observed.y[:, -1]]).astype(np.float32)
+        before = np.concatenate([np.broadcast_to(start[:, None, None], (n, k, 1, 2)), forecast.xy], axis=2)
+        held = np.arange(steps)[None, None] >= lived[..., None]
+        moved = (before[:, :, 1:] != before[:, :, :-1]).any(axis=-1) & held
+        assert not moved.any(), "a future that has stopped moves; hold it at its last alive position"
+
+
+def check_network(kind: Kind, options: Any, tracks: Tracks, site: Site) -> None:
+    """A network is built from its options, has a finite loss, and forecasts."""
+    import torch  # noqa: PLC0415 - only networks need it
+
+    scenes = import_module("modlhmp.networks.data")
+    training = import_module("modlhmp.networks.training")
+    network = training.build_network(kind, options, site)
+    day = scenes.day_of(tracks, [], site.observed_rows, site.timezone)
+    first = day.rows[:, 0]
+    arrays = scenes.scenes_at(day, first, day.rows[:, 1], site.steps, site.observed_rows, site.time_step_s)
+    batch = scenes.Scenes(*(torch.from_numpy(part) for part in arrays))
+    torch.manual_seed(0)
+    network.planned_iterations = 1
+    network.prepare(batch)
+    loss = network.loss(batch)
+    assert loss.ndim == 0 and torch.isfinite(loss), f"{kind.name}: the loss is {loss}, a finite scalar is needed"
+    forecasts = import_module(str(kind.forecasts))
+    observed = observe(tracks, usable_tracks(tracks, site.observed_rows), site.observed_rows)
+    alone = observed._replace(neighbours=np.full((len(observed.track_id), 5, site.observed_rows, 2), np.nan))
+    k = getattr(options, "k", 1)
+    futures = forecasts.forecaster(network.eval(), site, options)(
+        alone, site.steps, stream_keys(observed.track_id, k, 0, "contract")
+    )
+    check_forecast(futures, observed, site.steps)
+
+
+def build_map_of_exits(tracks: Tracks, site: Site) -> pa.Table:
+    """The ways out of these tracks."""
+    from modlhmp.maps.exits import build  # noqa: PLC0415 - for methods with `exits: true` only
+
+    return build(tracks, site)
+
+
+def _same(ours: Forecast, theirs: Forecast, complaint: str) -> None:
+    same = all(np.array_equal(a, b) for a, b in zip(ours[:3], theirs[:3], strict=True))
+    assert same, complaint
+
+
+def _take(observed: Observed, rows: Sequence[int] | np.ndarray) -> Observed:
+    return Observed(*(part[rows] for part in observed))
+
+
+def _rows(forecast: Forecast, rows: np.ndarray) -> Forecast:
+    return Forecast(*(part[rows] for part in forecast[:3]), forecast.output)  # type: ignore[call-arg]

@@ -1,0 +1,321 @@
+"""Dataset files: one YAML file says how the recordings of one place are read, split, cleaned and shown."""
+
+import dataclasses
+import glob
+import math
+import os
+import re
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from annotated_types import Ge, Le, MaxLen, MinLen
+
+from modlhmp.cleaning import RULES
+from modlhmp.file_format import FileFormat, Recording, check_format
+from modlhmp.floor_plan import image_of
+from modlhmp.readers.raw import COMPRESSED, find_recording
+from modlhmp.settings import check, option, unknown
+from modlhmp.site import Site
+from modlhmp.storage import DataError
+
+Hour = Annotated[int, Ge(0), Le(24)]
+VALIDATION_DAYS = 0.3
+_RULE_NEEDS = {"min_points": "points", "start_end_margin": "polygons", "lift_loiterers": "polygons"}
+REQUIRED = ("title", "reader", "timezone", "hours", "recordings", "horizon_s", "velocity", "citation", "terms")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Files:
+    """An entry of `recordings`: files of one day and split."""
+
+    files: str = option(meaning="path or glob under `data_root`")
+    day: str = option(meaning="local date, such as 2012-10-24")
+    start: str | None = option(
+        None, 'local clock time of the file\'s time 0, quoted, such as "09:00"; without it times are unix seconds'
+    )
+    split: Literal["train", "test"] = option(meaning="maps are built from `train`, forecasts scored on `test`")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Area:
+    """Places that figures of forecasts mark."""
+
+    title: str = option(meaning="name in the figure's key")
+    colour: Literal["green", "red", "blue", "orange"] = option(meaning="colour of the area")
+    polygons: tuple[Any, ...] = option(meaning="lists of corners [x, y], in the recording's length unit")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """A file that may be fetched."""
+
+    url: str = option(meaning="address, http or https")
+    file: str = option(meaning="where the download goes, under `data_root`")
+    sha256: str | None = option(None, "its SHA-256; without it that of the first download is recorded")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Shown:
+    """What a dataset is called, how it is shown, and where it comes from."""
+
+    title: str = option("", "name shown in tables and figures")
+    label: str = option("", "prefix of the exhibits' file names; default: the dataset's name")
+    demo: bool = option(False, 'generated recordings; every exhibit then says "demo data"')
+    figure_hours: Annotated[tuple[Annotated[int, Ge(0), Le(23)], ...], MaxLen(4)] = option(
+        (), "hours whose maps are drawn, at most 4"
+    )
+    areas: tuple[Area, ...] = option((), "areas that figures of forecasts mark")
+    tuned: dict[str, dict[str, Any]] = option(
+        {}, "kind or method: options that were chosen on a validation part of this dataset's training recordings"
+    )
+    sources: tuple[Source, ...] = option((), "files that may be fetched")
+    owner_page: str = option("", "page where the recordings can be obtained")
+    paper_results: Literal["atc", "edinburgh"] | None = option(
+        None, "which of the paper's columns are shown beside ours"
+    )
+    citation: str = option("", "whom to cite")
+    terms: str = option("", "terms of use")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DatasetFile(_Shown, FileFormat, Site):
+    """A dataset file, `config/datasets/<name>.yaml`."""
+
+    hours: tuple[Hour, Hour] = option((0, 24), "clock hours that get a map, [first, one after the last]")
+    recordings: Annotated[tuple[Files, ...], MinLen(1)] = option((), "files, and the day and split of each")
+    floor_plan: str | None = option(None, "ROS map_server YAML under `data_root`")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dataset(_Shown, FileFormat, Site):
+    """A dataset as it is used: its recordings found, its defaults filled in."""
+
+    name: str = ""
+    recordings: tuple[Recording, ...] = ()
+    floor_plan: tuple[str, ...] = ()  # the YAML file and its image; empty where there is none
+
+    def of_split(self, split: str | None) -> list[Recording]:
+        """Its recordings of one split, or all of them, in the file's order."""
+        return [one for one in self.recordings if split in (None, one.split)]
+
+    def recording(self, name: str) -> Recording:
+        """The recording of that name."""
+        return next(one for one in self.recordings if one.name == name)
+
+    def same_day(self, name: str) -> list[str]:
+        """Names of the other recordings of a recording's day: their people were there as well."""
+        day = self.recording(name).day
+        return [one.name for one in self.recordings if one.day == day and one.name != name]
+
+    def people(self, split: str) -> list[str]:
+        """Names of a split's recordings, and of all others of their days: everyone there."""
+        names = [name for one in self.of_split(split) for name in (one.name, *self.same_day(one.name))]
+        return list(dict.fromkeys(names))
+
+
+def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path | None = None) -> Dataset:
+    """Load a dataset file, check it, fill its defaults and resolve its recordings.
+
+    They lie under `data_root`, generated ones under `demo_root` where that is given. A file that does not exist keeps
+    the path where it is expected. `DataError` names the file, the key, the value and the remedy.
+    """
+    listed = read_yaml(path)
+    file = check(DatasetFile, listed, path, REQUIRED)
+    name = Path(path).stem
+    label = file.label or name
+    _check_dataset(path, file, label)
+    root = demo_root if file.demo and demo_root else data_root
+    recordings = tuple(found for entry in file.recordings for found in _resolve(path, entry, root))
+    names = [one.name for one in recordings]
+    if twice := {one for one in names if names.count(one) > 1}:
+        raise DataError(f"{path}: two recordings are named {', '.join(sorted(twice))}; give the files different names")
+    for split in ("train", "test"):
+        if not any(one.split == split for one in recordings):
+            raise DataError(
+                f"{path}: no recording has `split: {split}`; maps need training, scores need test recordings"
+            )
+    first, last = file.hours
+    own = {f.name: getattr(file, f.name) for f in dataclasses.fields(file)}
+    return Dataset(**{
+        **own, "name": name, "label": label, "recordings": recordings,
+        "figure_hours": file.figure_hours or tuple(sorted({first, (first + last - 1) // 2, last - 1})),
+        "floor_plan": _floor_plan_files(file, root),
+    })  # fmt: skip
+
+
+def read_yaml(path: str | Path) -> dict[str, Any]:
+    """The mapping that a YAML file holds, dates as text; `DataError` where it is none."""
+    try:
+        listed = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror})") from None
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: also a date that does not exist
+        raise DataError(f"{path}: not valid YAML in UTF-8 ({error})") from None
+    if not isinstance(listed, dict):
+        raise DataError(f"{path}: a dataset file is a mapping of keys, see config/README.md")
+    return _dates_as_text(listed)
+
+
+def validation_part(dataset: Dataset) -> Dataset:
+    """The dataset without its test recordings: part of the training recordings stands in for them.
+
+    The last `VALIDATION_DAYS` of the training days, rounded up; a single day is cut by blocks of time
+    (`cleaning.in_validation_blocks`), which gives two recordings of each. What is chosen in such a run has not seen the
+    test set.
+    """
+    training = dataset.of_split("train")
+    days = sorted({one.day for one in training})
+    if len(days) > 1:
+        held = days[-math.ceil(VALIDATION_DAYS * len(days)) :]
+        parts = [dataclasses.replace(one, split="test" if one.day in held else "train") for one in training]
+    else:
+        splits = {"fit": "train", "validation": "test"}
+        parts = [
+            dataclasses.replace(one, name=f"{one.name}-{part}", part=part, split=split)
+            for one in training
+            for part, split in splits.items()
+        ]
+    return dataclasses.replace(dataset, recordings=tuple(parts))
+
+
+def _check_dataset(path: str | Path, file: DatasetFile, label: str) -> None:
+    """Checks that types cannot say; `DataError`."""
+    _check_files(path, file)
+    first, last = file.hours
+    if first >= last:
+        raise DataError(f"{path}: hours [{first}, {last}] are empty; say [first, one after the last]")
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", label):
+        raise DataError(f"{path}: name the file with letters, digits, _ and - only, or give it a `label` of these")
+    if file.observed_rows < 2:
+        raise DataError(f"{path}: observed_rows {file.observed_rows} is under 2; a velocity takes two rows")
+    steps = file.horizon_s / file.time_step_s
+    if abs(steps - round(steps)) > 1e-9 or steps < 1:
+        raise DataError(f"{path}: horizon_s {file.horizon_s} is not a multiple of time_step_s {file.time_step_s}")
+    weights = file.difference_weights
+    if not weights or min(weights) < 0 or not sum(weights):
+        raise DataError(f"{path}: difference_weights {list(weights)} are not positive numbers, newest step first")
+    for entry in file.cleaning:
+        _check_rule(path, entry)
+    for area in file.areas:
+        if not _are_polygons(area.polygons):
+            raise DataError(f"{path}: area {area.title}: polygons must be lists of at least three [x, y] corners")
+    for source in file.sources:
+        if not re.match("https?://", source.url):
+            raise DataError(f"{path}: sources: {source.url!r} is no address that begins with http:// or https://")
+        if source.sha256 is not None and not re.fullmatch("[0-9a-f]{64}", source.sha256):
+            raise DataError(f"{path}: sources: sha256 {source.sha256!r} is not 64 hexadecimal digits")
+
+
+def _check_files(path: str | Path, file: DatasetFile) -> None:
+    """Whether the reader is told all that it needs."""
+    check_format(file, path)
+    if file.velocity == "as_recorded" and not file.has_velocity:
+        raise DataError(f"{path}: velocity: as_recorded needs speed and heading columns; use velocity: differences")
+    no_clock = file.reader.startswith("edinburgh") or file.units.time == "frame"
+    for entry in file.recordings:
+        if no_clock and not entry.start:
+            raise DataError(
+                f'{path}: the files have no clock; every entry of `recordings` needs a `start`, such as "09:00"'
+            )
+        if entry.start is not None and not re.fullmatch("([01][0-9]|2[0-3]):[0-5][0-9]", entry.start):
+            raise DataError(f'{path}: recordings: start {entry.start!r} is no clock time such as "09:00"')
+
+
+def _check_rule(path: str | Path, entry: str | dict[str, dict[str, Any]]) -> None:
+    """One entry of `cleaning`: a rule that exists, with the option that it takes."""
+    if not isinstance(entry, str) and len(entry) != 1:
+        raise DataError(f"{path}: cleaning: {entry} is not one rule with its option")
+    name, options = (entry, {}) if isinstance(entry, str) else next(iter(entry.items()))
+    if name not in RULES:
+        raise DataError(unknown(f"{path}: cleaning", "rule", name, RULES))
+    if set(options) != ({_RULE_NEEDS[name]} if name in _RULE_NEEDS else set()):
+        raise DataError(
+            f"{path}: cleaning rule {name} takes {_RULE_NEEDS.get(name, 'no option')}, got {sorted(options)}"
+        )
+    if "points" in options and not (type(options["points"]) is int and options["points"] > 0):
+        raise DataError(f"{path}: cleaning rule {name}: points {options['points']!r} is not a positive whole number")
+    if "polygons" in options and not _are_polygons(options["polygons"]):
+        raise DataError(f"{path}: cleaning rule {name}: polygons must be lists of at least three [x, y] corners")
+
+
+def _are_polygons(value: Any) -> bool:
+    """Whether `value` is a list of polygons: lists of three or more [x, y]."""
+    lists = (list, tuple)
+    return bool(
+        isinstance(value, lists)
+        and value
+        and all(isinstance(polygon, lists) and len(polygon) >= 3 for polygon in value)
+        and all(
+            isinstance(corner, lists) and len(corner) == 2 and all(type(part) in (int, float) for part in corner)
+            for polygon in value
+            for corner in polygon
+        )
+    )
+
+
+def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ...]:
+    """The YAML file of the floor plan and its image (if the YAML is there); empty where there is none."""
+    if file.floor_plan is None:
+        return ()
+    plan = Path(data_root) / file.floor_plan
+    if file.demo:  # made by the workflow
+        return str(plan), str(plan.with_suffix(".pgm"))
+    if not plan.exists():  # asked for like a missing recording
+        return (str(plan),)
+    if not image_of(plan).exists():
+        raise DataError(f"{plan}: image {image_of(plan)} does not exist; put it there, or correct `image`")
+    return str(plan), str(image_of(plan))
+
+
+def _resolve(path: str | Path, entry: Files, data_root: str | Path) -> list[Recording]:
+    """One `recordings` entry to the recordings it stands for."""
+    try:
+        date.fromisoformat(entry.day)
+    except ValueError:
+        raise DataError(f"{path}: day {entry.day!r} is not a date like 2012-10-24") from None
+    if not re.fullmatch(r"\d{4}-\d\d-\d\d", entry.day):
+        raise DataError(f"{path}: day {entry.day!r} is not a date like 2012-10-24")
+    root, listed = Path(data_root), entry.files
+    found = [find_recording(root / listed)]
+    if glob.has_magic(listed):
+        found = [root / file for file in sorted(glob.glob(listed, root_dir=root))]
+    if not found:
+        raise DataError(
+            f"{path}: no file matches {root / listed}; correct `files`, or `data_root` in the configuration"
+        )
+    return [
+        Recording(
+            name=_stem(file or listed), path=str(file or root / listed), stored=stored, member=member,
+            file=os.path.relpath(stored, root), exists=file is not None, day=entry.day, start=entry.start,
+            split=entry.split,
+        )
+        for file in found
+        for stored, member in [_stored(file or root / listed)]
+    ]  # fmt: skip
+
+
+def _stored(file: str | Path) -> tuple[str, str | None]:
+    """The file on disk that holds a recording, and the member of it that `archive.zip/member.csv` names."""
+    before, inside, member = str(file).partition(".zip/")
+    return (before + ".zip", member) if inside else (str(file), None)
+
+
+def _stem(file: str | Path) -> str:
+    """Name of a recording: its file's without the suffixes."""
+    name = Path(file).name
+    for suffix in COMPRESSED:
+        name = name.removesuffix(suffix)
+    stem, _, suffix = name.rpartition(".")
+    return stem if stem and suffix in {"csv", "txt", "tsv", "ndjson", "dat"} else name
+
+
+def _dates_as_text(value: Any) -> Any:
+    """YAML turns 2012-10-24 into a date; settings and JSON want text."""
+    if isinstance(value, dict):
+        return {key: _dates_as_text(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_dates_as_text(entry) for entry in value]
+    return value.isoformat() if isinstance(value, date) else value

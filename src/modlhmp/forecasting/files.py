@@ -1,0 +1,53 @@
+"""The file form of forecasts: one row per track and seed, in the blocks in which they are made."""
+
+import itertools
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from modlhmp.forecasting.base import Forecast
+from modlhmp.storage import column, read_metadata, write_parquet, write_pieces
+
+STORED = 20  # of the samples behind a median; all of them would be gigabytes
+
+
+def write_forecasts(path: str | Path, forecasts: Iterable[tuple[int, np.ndarray, Forecast]], **provenance: Any) -> None:
+    """Write forecasts as they come, one row per track and seed, one row group per block."""
+    forecasts = iter(forecasts)
+    first = next(forecasts, None)
+    if first is None:  # the average of files without a row
+        write_parquet({"track_id": np.empty(0, np.int64)}, path, **provenance, output="single", k=1, steps=0)
+        return
+    _, k, steps, _ = first[2].xy.shape
+    tables = (_table(*block) for block in itertools.chain([first], forecasts))
+    write_pieces(tables, path, **provenance, output=first[2].output, k=k, steps=steps)
+
+
+def _table(seed, track_ids, forecast):
+    """A block of forecasts as a table."""
+    columns = {"track_id": track_ids, "seed": np.full(len(track_ids), seed, np.int32)}
+    for name in ("xy", "log_fitness", "steps_alive"):
+        values = getattr(forecast, name)
+        columns[name] = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), int(np.prod(values.shape[1:])))
+    return pa.table(columns)
+
+
+def read_forecasts(path: str | Path) -> Iterator[tuple[int, np.ndarray, Forecast]]:
+    """Yield (seed, track_ids [m], Forecast) of a forecasts file, in the blocks in which it was written."""
+    shape = read_metadata(path)
+    k, steps = shape["k"], shape["steps"]
+    file = pq.ParquetFile(path)
+    for group in range(file.num_row_groups):
+        table = file.read_row_group(group)
+        n = table.num_rows
+        if not n:
+            continue
+        xy, fitness, alive = (column(table, name) for name in ("xy", "log_fitness", "steps_alive"))
+        forecast = Forecast(
+            xy.reshape(n, k, steps, 2), fitness.reshape(n, k, steps), alive.reshape(n, k), shape["output"]
+        )
+        yield table["seed"][0].as_py(), column(table, "track_id"), forecast

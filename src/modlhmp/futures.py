@@ -1,0 +1,160 @@
+"""Forecasts as the library gives them: futures with their ranks, who is still there, densities; and their scores."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.ranking import rank_order
+from modlhmp.site import Site
+from modlhmp.storage import DataError
+
+BANDWIDTH_CELLS = 1.0  # a sample's default spread in a density, in cells
+AROUND_BANDWIDTHS = 4.0  # how far a density's default extent reaches beyond the samples
+
+
+class Density(NamedTuple):
+    """Probabilities [rows, columns] that sum to 1, row 0 below; `extent` = (x low, x high, y low, y high) [m]."""
+
+    probabilities: np.ndarray
+    extent: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Futures:
+    """The futures of n walkers, by the walker's `track_id` [n], after `t0` [n] (unix s).
+
+    `forecast` is as the forecaster gave it (`forecasting.base`); `start` [n, 2] are the positions at t0 [m].
+    """
+
+    track_id: np.ndarray
+    t0: np.ndarray
+    start: np.ndarray
+    forecast: Forecast
+    site: Site
+
+    @property
+    def times_s(self) -> np.ndarray:
+        """Seconds after t0 [T] of the positions."""
+        return self.site.time_step_s * np.arange(1, self.forecast.xy.shape[2] + 1)
+
+    @property
+    def paths(self) -> np.ndarray:
+        """The sampled futures, positions [n, k, T, 2] in m, held once they have stopped."""
+        return self.forecast.xy[:, self._first_sample :]
+
+    @property
+    def alive(self) -> np.ndarray:
+        """Whether each sampled future is still under way [n, k, T]: on the map, and not out of a door."""
+        lived = self.forecast.steps_alive[:, self._first_sample :, None]
+        return lived >= np.arange(1, self.forecast.xy.shape[2] + 1)
+
+    @property
+    def best(self) -> np.ndarray:
+        """The forecast as one path per walker, [n, T, 2] in m.
+
+        Ranked futures: the best ranked at the longest horizon (paper Sec. III-C; the longest on the map first). A
+        method that gives a median or one path: that one. Futures of equal standing: their mean.
+        """
+        xy = self.forecast.xy
+        if self.forecast.output == "ranked":
+            return xy[np.arange(len(xy)), self.ranks.argmin(axis=1)]
+        return xy.mean(axis=1) if self.forecast.output == "mean" else xy[:, 0]
+
+    @property
+    def ranks(self) -> np.ndarray:
+        """Rank [n, k] of each sampled future at the longest horizon, 0 the best; all 0 where futures are not ranked."""
+        n, k = self.paths.shape[:2]
+        ranks = np.zeros((n, k), np.int64)
+        if self.forecast.output == "ranked":
+            for row in range(n):
+                walker = Forecast(*(part[row] for part in self.forecast[:3]), self.forecast.output)  # type: ignore[call-arg]
+                ranks[row, rank_order(walker, self.forecast.xy.shape[2])] = np.arange(k)
+        return ranks
+
+    def density(
+        self,
+        at_s: float,
+        cell_m: float,
+        walker: int = 0,
+        extent: tuple[float, float, float, float] | None = None,
+        bandwidth_m: float | None = None,
+    ) -> Density:
+        """Where a walker is after `at_s` seconds, if still there, as probabilities on a grid of `cell_m`.
+
+        Each future that is still under way then (where none is, all at their last positions) is spread as a Gaussian of
+        `bandwidth_m` (default: one cell). `extent` = (x low, x high, y low, y high) in m; by default the grid holds all
+        of them. `DataError` for a moment that was not forecast or a walker that there is not.
+        """
+        from modlhmp.forecasting.density import density  # noqa: PLC0415 - scipy's images, which few need
+
+        step = self._step(at_s)
+        if not 0 <= walker < len(self.track_id):
+            raise DataError(f"walker {walker}: there are {len(self.track_id)}, counted from 0")
+        if not cell_m > 0:
+            raise DataError(f"cell_m {cell_m}: a size in m above 0 is needed")
+        there = self.alive[walker, :, step]
+        positions = self.paths[walker, there if there.any() else slice(None), step].astype(float)
+        spread = BANDWIDTH_CELLS * cell_m if bandwidth_m is None else bandwidth_m
+        if extent is None:
+            reach = AROUND_BANDWIDTHS * spread
+            low, high = positions.min(axis=0) - reach, positions.max(axis=0) + reach
+            low = np.floor(low / cell_m) * cell_m
+            size = np.ceil((high - low) / cell_m) * cell_m
+            extent = (float(low[0]), float(low[0] + size[0]), float(low[1]), float(low[1] + size[1]))
+        try:
+            return Density(density(positions, extent, cell_m, spread), extent)
+        except ValueError as error:
+            raise DataError(f"extent {extent}: {error}") from None
+
+    def left(self, at_s: float) -> np.ndarray:
+        """Probability [n] that each walker has left by then: the share of the futures that have ended."""
+        return 1.0 - self.alive[:, :, self._step(at_s)].mean(axis=1)
+
+    @property
+    def _first_sample(self) -> int:
+        return 1 if self.forecast.output == "median" else 0
+
+    def _step(self, at_s: float) -> int:
+        steps, longest = at_s / self.site.time_step_s, self.times_s[-1]
+        if abs(steps - round(steps)) > 1e-6 or not 1 <= round(steps) <= len(self.times_s):
+            step_s = self.site.time_step_s
+            raise DataError(f"at_s {at_s}: give a multiple of {step_s:g} s from {step_s:g} to {longest:g}")
+        return round(steps) - 1
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Errors of n walkers at T horizons under one protocol: `ade`, `fde` [n, T] in m, NaN where not scored.
+
+    `horizons_s` [T]; `eligible` [n, T] says who counts at each horizon. `output`: how a path came out of the futures.
+    """
+
+    protocol: str
+    output: str
+    horizons_s: np.ndarray
+    ade: np.ndarray
+    fde: np.ndarray
+    eligible: np.ndarray
+
+    @property
+    def n(self) -> np.ndarray:
+        """How many walkers are scored at each horizon [T]; read every mean with it."""
+        return np.isfinite(self.ade).sum(axis=0)
+
+    def at(self, horizon_s: float) -> dict[str, float]:
+        """Mean ADE and FDE [m] at one horizon, with n scored of the eligible; NaN where nobody is scored."""
+        found = np.flatnonzero(np.isclose(self.horizons_s, horizon_s))
+        if not len(found):
+            longest = self.horizons_s[-1] if len(self.horizons_s) else 0
+            raise DataError(f"horizon_s {horizon_s}: it was not forecast; the longest horizon is {longest:g} s")
+        column = int(found[0])
+        scored = np.isfinite(self.ade[:, column])
+        means = [float(part[scored, column].mean()) if scored.any() else float("nan") for part in (self.ade, self.fde)]
+        return {
+            "ade_m": means[0],
+            "fde_m": means[1],
+            "n": int(scored.sum()),
+            "eligible": int(self.eligible[:, column].sum()),
+        }

@@ -1,0 +1,203 @@
+"""The options of every kind of method and map that comes with the library, with their defaults and meanings.
+
+What they say reaches a result through the parameters of the job that makes it.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from modlhmp.settings import From0, Positive, Share, WholeFrom0, WholeFrom1, WholeFrom2, Width, option
+
+Velocity = Literal["dataset", "differences"]
+
+
+# --- how maps are built -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class CliffBuilding:
+    """Of CLiFF-maps, whole-day and hourly."""
+
+    resolution_m: Positive = option(1.0, "distance of neighbouring locations [m]")
+    radius_m: Positive = option(1.0, "a location takes the observations within this distance, border included [m]")
+    min_observations: int = option(5, "locations with fewer observations have no dynamics (at least 3)")
+    bandwidth: Literal["isotropic", "kucner"] = option(
+        "isotropic", "rule for the bandwidth of mean shift; `kucner` is the reference builder's"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class StefBuilding:
+    """Of STeF-maps."""
+
+    resolution_m: Positive = option(1.0, "size of a cell [m]")
+    orientations: WholeFrom2 = option(8, "directions per cell (k_stef)")
+    interval_s: Positive = option(600.0, "detections are counted in intervals of this length [s] (t_stef)")
+    order: WholeFrom1 = option(2, "periodic parts kept per direction (m_stef)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoBuilding:
+    """Of maps that are built in one way only."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SnippetBuilding:
+    """Of snippet flow maps."""
+
+    cell_m: Positive = option(1.0, "size of a cell [m]")
+    length_s: Positive = option(10.0, "length of what is stored [s]; forecasts may use less")
+    most: WholeFrom1 = option(50, "snippets stored per cell and heading bin; the others are counted")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExitBuilding:
+    """Of the ways out."""
+
+    cell_m: Positive = option(1.0, "size of a cell [m]")
+
+
+# --- how forecasts are made -------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class RollOut:
+    """Of every map of dynamics that is sampled step by step (paper Alg. 1)."""
+
+    k: WholeFrom1 = option(5, "futures per track")
+    beta: From0 = option(1.0, "width parameter of the kernel K in Eq. 2; larger: more like constant velocity")
+    sampling_radius_m: Positive = option(1.0, "r_s: dynamics are looked for within this distance [m]")
+    speed: Literal["constant", "kernel"] = option(
+        "constant", "`constant`: the observed speed stays; `kernel`: updated like the heading, as the paper writes"
+    )
+    velocity: Velocity = option(
+        "dataset", "`dataset`: what the dataset says, averaged as in the paper; `differences`: of positions, as vectors"
+    )
+    output: Literal["ranked", "geometric_median"] = option(
+        "ranked", "the result: the likeliest future, or the geometric median of all that are still on the map"
+    )
+    exits: bool = option(False, "whether futures may leave by the ways out that people took")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstantVelocity:
+    """Of the constant velocity model."""
+
+    velocity: Velocity = option("dataset", "as for maps that are sampled")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alike:
+    """How similarity to a walker is measured, and how the walks of similar persons are followed."""
+
+    heading_m: From0 = option(8.0, "weight of heading: metres of distance that equal one unit of heading")
+    speed_m: From0 = option(6.0, "weight of speed: metres of distance that equal 1 m/s")
+    change_m: From0 = option(2.0, "weight of change in velocity: metres of distance that equal 1 m/s")
+    hour_m: From0 = option(0.0, "weight of the time of day: metres of distance that equal one hour")
+    pace: Share = option(1.0, "1: walks are followed at the walker's speed, 0: at that of the person who made them")
+    exclude_s: From0 = option(0.0, "leave out what was recorded within this many seconds of t0 (no contemporaries)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Episodes(Alike):
+    """Of forecasts with an episode map."""
+
+    k: WholeFrom1 = option(25, "persons replayed: those still under way at each second")
+    reach_m: Positive = option(10.0, "persons farther from the walker in this metric are not replayed [m]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Snippets(Alike):
+    """Of forecasts with a snippet flow map."""
+
+    k: WholeFrom1 = option(200, "particles per track")
+    length_s: Positive = option(5.0, "length of a snippet [s], at most the map's")
+    most: WholeFrom1 = option(50, "snippets used per bin, at most the map's; 10 make a compact map")
+    bandwidth_m: Positive = option(
+        1.2, "how similar a snippet must be to the particle that draws it: a Gaussian's SD [m]"
+    )
+    exits: bool = option(True, "whether a snippet whose person left takes its particle with it")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Average:
+    """Of a method that is the mean path of others."""
+
+    of: tuple[str, ...] = option((), "names of the methods whose paths are averaged (at least two)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Learning:
+    """Of the training of every network: what a method may choose for itself."""
+
+    budget: str = option("demo", "which of the budgets: demo (seconds), economical (at most 20 minutes), full (paper)")
+    futures: Literal["masked", "full"] = option(
+        "masked", "`masked`: train on every track as far as it goes; `full`: only on those of the whole horizon"
+    )
+    device: Literal["auto", "cpu", "cuda"] = option("auto", "`auto`: a GPU if there is one")
+    seed: WholeFrom0 = option(0, "of the first weights, the batches and the choice of held-out persons")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training:
+    """Of every network; the budgets give them."""
+
+    epochs: WholeFrom1 = option(100, "at most; each uses one window of every track")
+    batch_size: WholeFrom1 = option(128, "windows per step")
+    learning_rate: Positive = option(0.001, "of the optimiser")
+    schedule: Literal["cosine", "original"] = option(
+        "cosine", "`cosine`: the rate falls to a tenth; `original`: as published"
+    )
+    patience: WholeFrom1 = option(100, "epochs without a better validation error before training stops")
+    rotate: bool = option(True, "turn scenes at random in training, as the originals do (not TUTR)")
+    held_out: Literal["persons", "blocks"] = option(
+        "persons",
+        "whose the validation error is: some persons'; or everyone's on the last days, or in half-hours of one day",
+    )
+    another_every: WholeFrom1 | None = option(None, "one more window for every so many windows in a track; null: none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lstm(Training):
+    """Of the LSTM and of Social LSTM."""
+
+    hidden: WholeFrom1 = option(128, "units")
+    sigma_scale: Positive = option(1.0, "factor on the standard deviations, which were chosen for steps of 0.4 s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectronpp(Training):
+    """Of Trajectron++."""
+
+    decoder: WholeFrom1 = option(128, "units of the decoder")
+    modes: WholeFrom2 = option(25, "latent values")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tutr(Training):
+    """Of TUTR."""
+
+    width: Width = option(128, "width of a token")
+    modes: WholeFrom2 = option(50, "motion modes")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mid(Training):
+    """Of MID."""
+
+    context: Width = option(256, "width of the encoding")
+    k: WholeFrom1 = option(5, "futures per track, whose errors are averaged")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeuralMap(Training):
+    """Of the neural map."""
+
+    rotate: bool = option(False, "turn scenes at random in training")
+    held_out: Literal["persons", "blocks"] = option("blocks", "as for every network")
+    another_every: WholeFrom1 | None = option(10, "one more window for every so many windows in a track; null: none")
+    grids: tuple[Positive, ...] = option((1.0, 2.5, 6.0), "cell sizes of the maps [m]; none: the network without a map")
+    headings: WholeFrom2 = option(8, "bins of the circle")
+    channels: WholeFrom1 = option(4, "numbers per cell and heading")
+    width: Width = option(256, "width of a layer")
+    time_of_day: bool = option(False, "whether the time of day is an input")

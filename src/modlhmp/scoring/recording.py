@@ -1,0 +1,94 @@
+"""Errors of one method's forecasts of one recording, under both protocols."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pyarrow as pa
+
+from modlhmp.floor_plan import FloorPlan, occupied_depth
+from modlhmp.forecasting.base import Forecast
+from modlhmp.scoring.errors import enters_occupied, ground_truth, is_idle
+from modlhmp.scoring.protocols import score
+from modlhmp.site import Site
+from modlhmp.tracks import Tracks, clock_hours, usable_tracks
+
+
+def score_recording(
+    tracks: Tracks,
+    forecasts: Iterable[tuple[int, np.ndarray, Forecast]],
+    recording: str,
+    site: Site,
+    floor_plan: FloorPlan | None = None,
+) -> pa.Table:
+    """Score one method's forecasts of one recording; returns a table, one row per track, seed, output and protocol.
+
+    `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other. `ade` and `fde` [m] are lists
+    over horizons, NaN where not scored; `eligible_steps` says to which step the track counts, `scored_steps` to how
+    many it was scored, and `why_not` the reason where the two differ. With a `FloorPlan` there are also `infeasible`,
+    lists of whether the forecast has been inside a wall (`errors.enters_occupied`), and `truth_infeasible_from`, the
+    first step at which the person's own path has (0: never). Empty if the recording has no usable track.
+    """
+    rows = usable_tracks(tracks, site.observed_rows)
+    ids = tracks.track_id[rows[:, 0]]
+    steps = site.steps
+    truth, length = ground_truth(tracks, rows, site.observed_rows, steps, site.time_step_s)
+    idle_filter = site.paper_protocol.idle_filter
+    idle = np.zeros(len(rows), bool)
+    if idle_filter:
+        idle = is_idle(tracks, rows, idle_filter.rows, idle_filter.min_displacement_m)
+    eligible = {"paper": np.where(idle, 0, length), "complete": length}
+    t0 = rows[:, 0] + site.observed_rows - 1
+    hours = clock_hours(tracks.t[t0], site.timezone)
+    by_track = {"track_id": ids, "hour": hours.astype(np.int8)}
+    if floor_plan is not None:
+        depth, start = occupied_depth(floor_plan), np.column_stack([tracks.x[t0], tracks.y[t0]])
+        entered = enters_occupied(floor_plan, depth, start, truth)
+        first = np.where(entered.any(axis=1), entered.argmax(axis=1) + 1, 0)
+        by_track["truth_infeasible_from"] = first.astype(np.int32)
+    tables: list[pa.Table] = []
+    of_seed: dict[int, int] = {}
+    for seed, track_ids, forecast in forecasts:
+        rows = of_seed.get(seed, 0) + np.arange(len(track_ids))
+        of_seed[seed] = of_seed.get(seed, 0) + len(track_ids)
+        if not np.array_equal(track_ids, ids[rows[rows < len(ids)]]):
+            raise ValueError(f"{recording}: the forecasts are of other tracks than the recording's; remake them")
+        infeasible = None if floor_plan is None else enters_occupied(floor_plan, depth, start[rows], forecast.xy)
+        mine = {protocol: number[rows] for protocol, number in eligible.items()}
+        for (output, protocol), values in score(forecast, truth[rows], mine, infeasible).items():
+            scored = np.isfinite(values["ade"]).sum(axis=1)
+            wanted = np.minimum(mine[protocol], steps)
+            reason = np.where(scored < wanted, "no dynamics", "")
+            if protocol == "paper":
+                reason = np.where(idle[rows], "idle", reason)
+            one = {"recording": recording, "output": output, "protocol": protocol}
+            whose = {name: values[rows] for name, values in by_track.items()}
+            tables.append(_table(one, seed, whose, wanted, scored, reason, values))
+    if any(number != len(ids) for number in of_seed.values()):
+        raise ValueError(f"{recording}: the forecasts are of fewer tracks than the recording's; remake them")
+    if not tables:
+        nothing, no_errors = np.empty(0, int), np.empty((0, steps))
+        one = {"recording": recording, "output": "", "protocol": ""}
+        values = dict.fromkeys(("ade", "fde") if floor_plan is None else ("ade", "fde", "infeasible"), no_errors)
+        tables = [_table(one, 0, by_track, nothing, nothing, nothing.astype(str), values)]
+    return pa.concat_tables(tables).unify_dictionaries()
+
+
+def _table(one, seed, by_track, wanted, scored, reason, values):
+    """Rows of the errors table for one recording, output, protocol and seed."""
+    n = len(by_track["track_id"])
+    constants = {name: pa.array(np.full(n, value)).dictionary_encode() for name, value in one.items()}
+    return pa.table(
+        {
+            **constants,
+            **by_track,
+            "seed": np.full(n, seed, np.int32),
+            "eligible_steps": wanted.astype(np.int32),
+            "scored_steps": scored.astype(np.int32),
+            "why_not": pa.array(reason).dictionary_encode(),
+            **{name: _lists(one) for name, one in values.items()},
+        }
+    )
+
+
+def _lists(values):
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.astype(np.float32).ravel()), values.shape[1])

@@ -1,0 +1,44 @@
+"""What maps, forecasts and scores must know of the place and of the recordings: one small record."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from modlhmp.settings import From0, Positive, Seconds, WholeFrom1, option
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdleFilter:
+    """The paper protocol leaves out tracks with two rows so many apart that are less than so many metres apart."""
+
+    rows: WholeFrom1 = option(5, "how many rows apart")
+    min_displacement_m: Positive = option(1.0, "closer than this is idle [m]")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PaperProtocol:
+    """What the paper protocol does on the recordings of one place."""
+
+    idle_filter: IdleFilter | None = option(None, "which tracks it leaves out as idle; null: none")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Site:
+    """The clock, the time step and the velocities of one place; a `Dataset` is one, too."""
+
+    timezone: str = option("UTC", "tz database name of the place, such as Asia/Tokyo")
+    hours: tuple[int, int] = option((0, 24), "clock hours that get a map, [first, one after the last]")
+    time_step_s: Positive = option(1.0, "time step of the cleaned tracks and of forecasts [s]")
+    observed_rows: int = option(4, "rows that a forecaster sees; the last one is at t0 (at least 2)")
+    horizon_s: Seconds = option(60.0, "longest horizon [s], a multiple of the time step")
+    velocity: Literal["as_recorded", "differences"] = option(
+        "differences", "where current velocities come from: the file's own columns, or differences of positions"
+    )
+    difference_weights: tuple[From0, ...] = option(
+        (0.48, 0.33, 0.19), "weights of the last steps' velocities, newest first, for methods' `velocity: differences`"
+    )
+    paper_protocol: PaperProtocol = option(PaperProtocol(), "what the paper protocol does here")
+
+    @property
+    def steps(self) -> int:
+        """Time steps to the longest horizon."""
+        return round(self.horizon_s / self.time_step_s)

@@ -1,0 +1,93 @@
+"""Table claims: every claim of the paper's results section beside our test of it (`study.claims`)."""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from modlhmp.datasets import Dataset
+from modlhmp.forecasting.observe import seconds_after_t0
+from modlhmp.logs import progress
+from modlhmp.study.claims import Evidence, claim_horizons, idle_keys, test_claims
+from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.layout import Layout
+from modlhmp.study.summary import at_horizons
+from modlhmp.tracks import read_tracks
+
+NOTE = (
+    "Verdicts: supported (p < 0.05 after Holm's correction over the tests of a dataset and protocol, or the number "
+    "itself), contradicted (the 95 % interval lies on the other side), not shown (neither). Under the paper "
+    "protocol the tracks are those that both sides scored. The recordings are not all the paper's: docs/results.md."
+)
+
+
+def draw(
+    layout: Layout,
+    datasets: Sequence[Dataset],
+    stem: str,
+    recordings: Mapping[str, Sequence[str]],
+    titles: Mapping[str, str],
+    kinds: Mapping[str, str],
+    studies: Mapping[str, Sequence[float]],
+    horizons: Sequence[float],
+    measured: Sequence[str],
+) -> None:
+    """Test every claim on every dataset and write the table.
+
+    `recordings` are the test recordings of each dataset by its name, `titles` and `kinds` are of the compared methods,
+    `studies` has the values of each studied parameter of TC-CLiFF, `horizons` [s] are those of the tables, `measured`
+    names the datasets that the runtime study has been run on.
+    """
+    evidence = [
+        gather(layout, dataset, recordings[dataset.name], titles, studies, horizons, dataset.name in measured)
+        for dataset in datasets
+    ]
+    table = test_claims(evidence, titles, kinds)
+    write_claims(table, any(dataset.demo for dataset in datasets), stem)
+
+
+def gather(
+    layout: Layout,
+    dataset: Dataset,
+    recordings: Sequence[str],
+    methods: Sequence[str] | Mapping[str, str],
+    studies: Mapping[str, Sequence[float]],
+    table_horizons: Sequence[float],
+    measured: bool,
+) -> Evidence:
+    """All that the claims need to know of one dataset; arguments as of `draw`."""
+    name, step_s = dataset.name, dataset.time_step_s
+    horizons = claim_horizons(dataset, table_horizons)
+    lengths, idle = [], set()
+    for recording in recordings:
+        tracks = read_tracks(layout.tracks(name, recording))
+        lengths.append(seconds_after_t0([tracks], dataset.observed_rows))
+        idle |= idle_keys(recording, tracks, dataset.observed_rows)
+    return Evidence(
+        dataset,
+        horizons,
+        {
+            method: at_horizons(layout.errors(name, method), horizons, step_s)
+            for method in progress(methods, desc="methods")
+        },
+        {
+            parameter: {
+                value: at_horizons(layout.study_value(name, parameter, value), horizons, step_s) for value in values
+            }
+            for parameter, values in studies.items()
+        },
+        np.concatenate(lengths),
+        idle,
+        json.loads(Path(layout.runtime(name)).read_text(encoding="utf-8")) if measured else None,
+    )
+
+
+def write_claims(table: pd.DataFrame, demo: bool, stem: str) -> None:
+    """Write what `test_claims` gave in the forms of a table."""
+    shown = table.copy()
+    shown["n"] = [f"{n:.0f}" if np.isfinite(n) else "" for n in table["n"].astype(float)]
+    for name, form in (("mean difference", "{:.3f}"), ("p", "{:.2g}"), ("p Holm", "{:.2g}")):
+        shown[name] = [form.format(v) if np.isfinite(v) else "" for v in table[name].astype(float)]
+    write_table(shown.fillna(""), stem, "The paper's claims, tested", demo, NOTE)

@@ -1,0 +1,259 @@
+"""Records of the exhibits that are maps, forecasts and distributions: what shows a place and its people."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from modlhmp.datasets import Dataset
+from modlhmp.study.exhibits.record import Exhibit
+from modlhmp.study.plan import Plan
+
+MODULES = "modlhmp.study.exhibits"
+FORECAST_MB = 1500  # memory of exhibits that read forecasts
+
+
+def _floor_plans(datasets: Iterable[Dataset]) -> list[str]:
+    return [file for dataset in datasets for file in dataset.floor_plan]
+
+
+def _maps(*kinds: str, floor_plan: bool = True) -> dict[str, Any]:
+    """The fields of a figure that shows maps of these kinds, made where the compared methods build them all."""
+
+    def needs(plan: Plan, datasets: list[Dataset]) -> list[str]:
+        maps = [plan.layout.map(dataset.name, kind) for dataset in datasets for kind in kinds]
+        return [*maps, *(_floor_plans(datasets) if floor_plan else [])]
+
+    return {"needs": needs, "wanted": lambda plan: plan.compared_kinds.issuperset(kinds)}
+
+
+def _examples(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    """All that a figure of an example track may show: tracks, errors and forecasts of every compared method."""
+    files = []
+    for dataset in datasets:
+        files += plan.tracks(dataset.name, "test")
+        files += [plan.layout.errors(dataset.name, method) for method in plan.titles]
+        files += [plan.layout.forecasts(dataset.name, method) for method in plan.titles]
+    return [*files, *_floor_plans(datasets)]
+
+
+def _uncertainty(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    return [plan.layout.uncertainty(dataset.name, method) for dataset in datasets for method in plan.measured]
+
+
+def _of_kind(plan: Plan, names: Iterable[str], kind: str) -> str | None:
+    """The method of a kind among these: the one with the kind's name if it is there, else the first."""
+    found = [name for name in names if plan.run.kind(name).name == kind]
+    return min(found, key=lambda name: name != kind, default=None)
+
+
+def _with_memory(plan: Plan) -> dict[str, str]:
+    """Titles of an episode and a snippet method by name, if such are compared."""
+    found = [_of_kind(plan, plan.titles, kind) for kind in ("episodes", "snippets")]
+    return plan.run.titles(name for name in found if name)
+
+
+def _memory_maps(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    return [*_examples(plan, datasets), *(plan.layout.map(dataset.name, "snippets") for dataset in datasets)]
+
+
+def _sampled(plan: Plan) -> str | None:
+    """The method whose samples are shown: that with a snippet flow map, or the first measured; None without one."""
+    return _of_kind(plan, plan.measured, "snippets") or next(iter(plan.measured), None)
+
+
+def _density(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    files, shown = [], _sampled(plan)
+    for dataset in datasets:
+        files += plan.tracks(dataset.name, "test")
+        files.append(plan.layout.errors(dataset.name, next(iter(plan.titles))))
+        for found in (plan.map_of(dataset.name, shown), plan.exits_of(dataset.name, shown)) if shown else ():
+            files += [found] if isinstance(found, str) else found
+    return [*files, *_floor_plans(datasets)]
+
+
+def _density_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    shown = _sampled(plan)
+    return {
+        "methods": plan.titles,
+        "shown": {dataset.name: plan.method(dataset.name, shown).plain() for dataset in datasets if shown},
+        "samples": plan.run.uncertainty.samples,
+        "seed": plan.run.seeds[0],
+    }
+
+
+def _runtimes(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    return [plan.layout.runtime(dataset.name) for dataset in datasets]
+
+
+def _runtimes_exist(plan: Plan) -> bool:
+    """Whether all have been measured; the figure does not start that itself, since nothing else may run meanwhile."""
+    return all(Path(file).exists() for file in _runtimes(plan, list(plan.datasets.values())))
+
+
+def _titles(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {"methods": plan.titles}
+
+
+def _measures(plan: Plan) -> bool:
+    return bool(plan.measured)
+
+
+EXHIBITS: tuple[Exhibit, ...] = (
+    Exhibit(
+        name="cliff-{label}-time",
+        form="figure",
+        module=f"{MODULES}.cliff_hours",
+        title="hourly TC-CLiFF-maps",
+        category="Maps",
+        paper="fig:cliff-atc-time",
+        caption="Time-conditioned CLiFF-map at a few hours: mean of the heaviest component of each location. Colour "
+        "encodes orientation, length encodes speed. The number of locations is above each panel.",
+        **_maps("tc_cliff"),
+    ),
+    Exhibit(
+        name="stef-{label}-time",
+        form="figure",
+        module=f"{MODULES}.stef_hours",
+        title="hourly STeF-maps",
+        category="Maps",
+        paper="fig:stef-atc-time",
+        caption="STeF-map in the middle of a few hours: the dominant orientation of each cell that has dynamics then. "
+        "Colour encodes orientation; the map has no speed, so all arrows are equally long. The number of cells is "
+        "above each panel.",
+        **_maps("stef"),
+    ),
+    Exhibit(
+        name="cliff-{label}-time-one-location",
+        form="figure",
+        module=f"{MODULES}.one_location",
+        title="CLiFF at one location",
+        category="Maps",
+        paper="fig:cliff-atc-time-one-location",
+        caption="CLiFF-map at one location for every clock hour and for the whole day: the mean of each component. "
+        "Colour encodes orientation, length speed (the circle is 1 m/s), transparency the weight; n is the number of "
+        "observations. The location is the one whose quietest hour is the busiest.",
+        **_maps("tc_cliff", "cliff", floor_plan=False),
+    ),
+    Exhibit(
+        name="{label}_mod",
+        form="figure",
+        module=f"{MODULES}.mod_comparison",
+        title="TC-CLiFF and STeF",
+        category="Maps",
+        paper="fig:edin_mod",
+        caption="Time-conditioned CLiFF-map (left) and STeF-map (right) at a few hours: all components of each "
+        "location and all orientations of each cell. Colour encodes orientation, transparency the component's weight "
+        "or the orientation's probability, length the speed, which STeF does not have.",
+        **_maps("tc_cliff", "stef"),
+    ),
+    Exhibit(
+        name="rank",
+        form="figure",
+        module=f"{MODULES}.ranked_forecasts",
+        title="ranked forecasts",
+        category="Forecasts",
+        paper="fig:rank",
+        caption="The futures of TC-CLiFF for one person of each dataset, to its longest horizon: truth red, "
+        "observation green, futures blue, darker the better they rank; a cross where a future left the map. Ranks "
+        "are those of the complete protocol. The person is chosen by rule: of the tracks eligible at the horizon under "
+        "the paper protocol, that of the median ADE of the first compared method. Marked areas come from the "
+        "dataset file.",
+        needs=_examples,
+        asks=_titles,
+        memory_mb=FORECAST_MB,
+    ),
+    Exhibit(
+        name="prediction_example",
+        form="figure",
+        module=f"{MODULES}.example_forecasts",
+        title="forecasts of all methods",
+        category="Forecasts",
+        paper="fig:prediction_example",
+        caption="What each method forecast for one person of each dataset, over the floor plan: 60 s where the dataset "
+        "has them, else half of its longest horizon. Methods with ranked futures show the best ranked one. The person "
+        "is chosen by rule: of the tracks eligible at the horizon under the paper protocol, that of the median ADE of "
+        "the first compared method.",
+        needs=_examples,
+        asks=_titles,
+        memory_mb=FORECAST_MB,
+    ),
+    Exhibit(
+        name="memory-maps",
+        form="figure",
+        module=f"{MODULES}.memory_maps",
+        title="maps with memory",
+        category="Maps",
+        caption="The two maps with memory. Left: snippets of a few seconds that start near the walker, coloured by "
+        "direction. Middle and right: a forecast with the episode map, which replays the most similar persons from "
+        "here, and with the snippet flow map, whose particles string snippets together. Crosses: persons who left "
+        "through an exit. The result is the geometric median, at each second, of those who are still there; where "
+        "people part ways it may lie where nobody walks.",
+        needs=_memory_maps,
+        asks=lambda plan, datasets: {"methods": _with_memory(plan)},
+        wanted=lambda plan: len(_with_memory(plan)) == 2,
+        memory_mb=FORECAST_MB,
+    ),
+    Exhibit(
+        name="density",
+        form="figure",
+        module=f"{MODULES}.density_maps",
+        title="density of a forecast",
+        category="Forecasts",
+        caption="Where one person of each dataset may be after a sixth, a third and the whole of the longest horizon, "
+        "given that they are still there: samples of the forecast, spread by a Gaussian. The lines enclose the "
+        "smallest areas of 50 % and 90 %. The person is chosen by rule: of the tracks eligible at the horizon under "
+        "the paper protocol, that of the median ADE of the first compared method.",
+        needs=_density,
+        asks=_density_asks,
+        wanted=_measures,
+        memory_mb=FORECAST_MB,
+    ),
+    Exhibit(
+        name="calibration",
+        form="figure",
+        module=f"{MODULES}.calibration",
+        title="calibration",
+        category="Figures",
+        caption="Left: the error that a method expects of its own output against the real one, in ten bins of equally "
+        "many tracks; above the diagonal a method is too sure of itself. Right: the probability that a person has left "
+        "by then against the share of people that had. A robot that must keep its distance needs both on the "
+        "diagonal. Bars are 95 % of the mean; the CSV has all horizons, and n of each bin.",
+        needs=_uncertainty,
+        asks=lambda plan, datasets: {"methods": plan.titles, "measured": plan.measured},
+        wanted=_measures,
+    ),
+    Exhibit(
+        name="tab_uncertainty",
+        form="table",
+        module=f"{MODULES}.uncertainty_table",
+        title="distributions",
+        category="Tables",
+        caption=lambda plan: (
+            "How good each method's forecasts are as distributions, at each horizon: energy score (lower is better), "
+            "best of five futures, the error that a method expects of its own output beside the real one, and the "
+            "Brier score of its probability that the person has left, beside that of always forecasting the base rate. "
+            f"Complete protocol; means over {len(plan.run.seeds)} seeds per track, then over tracks."
+        ),
+        needs=_uncertainty,
+        asks=lambda plan, datasets: {"methods": plan.run.titles(plan.measured)},
+        wanted=_measures,
+    ),
+    Exhibit(
+        name="runtime",
+        form="figure",
+        module=f"{MODULES}.runtime_figure",
+        title="runtime",
+        category="Studies",
+        caption=lambda plan: (
+            f"Runtime of {plan.run.title(plan.run.studies.method)}, measured alone on the machine in a separate "
+            "process. Above: time per track for all k futures to the longest horizon, largest resident memory while "
+            "forecasting, and size of an hour's map, beside the paper's figures (another machine: a laptop with an "
+            "Intel Core i7-1185G7). Below: growth of the time with the number of tracks N, the horizon T and the "
+            "number of locations M, with the exponent of each; for M, copies of the map were placed out of "
+            "reach, so the forecasts stay the same."
+        ),
+        needs=_runtimes,
+        asks=lambda plan, datasets: {"method": plan.run.title(plan.run.studies.method)},
+        wanted=_runtimes_exist,
+    ),
+)

@@ -1,0 +1,349 @@
+"""Records of the exhibits that are tables, curves and studies: what is made from errors and trainings."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from modlhmp.datasets import Dataset
+from modlhmp.kinds import find
+from modlhmp.study.exhibits.record import Exhibit
+from modlhmp.study.plan import Plan
+
+MODULES = "modlhmp.study.exhibits"
+
+
+# --- what they need ---------------------------------------------------------------------------------------------------
+
+
+def _scores(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    return [plan.layout.scores]
+
+
+def _tracks(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    return [file for dataset in datasets for file in plan.tracks(dataset.name, "test")]
+
+
+def _trainings(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    return [plan.layout.training(dataset.name, method) for dataset in datasets for method in plan.learned]
+
+
+def _studies(plan: Plan, datasets: list[Dataset], parameters: Iterable[str]) -> list[str]:
+    return [plan.layout.study(dataset.name, parameter) for dataset in datasets for parameter in parameters]
+
+
+def _claims(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    return [
+        *_tracks(plan, datasets),
+        *(plan.layout.errors(dataset.name, method) for dataset in datasets for method in plan.run.compare),
+        *_studies(plan, datasets, _claimed_studies(plan)),
+        *(plan.layout.runtime(name) for name in _measured(plan, datasets)),
+    ]
+
+
+def _ladder_files(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    (dataset,) = datasets
+    parts = [plan.layout.ladder(dataset.name, part) for part in ("scores", "differences")]
+    return [*parts, plan.layout.costs(dataset.name)]
+
+
+# --- what they ask for ------------------------------------------------------------------------------------------------
+
+
+def _recordings(datasets: list[Dataset]) -> dict[str, list[str]]:
+    """Names of the test recordings by dataset."""
+    return {dataset.name: [one.name for one in dataset.of_split("test")] for dataset in datasets}
+
+
+def _values(plan: Plan, parameters: Iterable[str]) -> dict[str, list[float]]:
+    """Values tried of each parameter."""
+    return {parameter: list(getattr(plan.run.studies, parameter)) for parameter in parameters}
+
+
+def _claimed_studies(plan: Plan) -> list[str]:
+    """Parameters whose study the claims look at: they are about TC-CLiFF."""
+    return plan.studied if plan.run.studies.method == "tc_cliff" else []
+
+
+def _measured(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    """Datasets that the runtime study has been run on: the claims do not wait for timings."""
+    return [dataset.name for dataset in datasets if Path(plan.layout.runtime(dataset.name)).exists()]
+
+
+def _methods(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {"methods": plan.titles}
+
+
+def _networks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {"methods": plan.run.titles(plan.learned)}
+
+
+def _constants(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    rollout = plan.run.rollout
+    constants = {
+        **{f"{kind}_resolution_m": plan.run.building(find(kind)).resolution_m for kind in ("cliff", "stef")},
+        **{key: getattr(rollout, key) for key in ("sampling_radius_m", "beta", "k")},
+    }
+    return {"recordings": _recordings(datasets), "constants": constants}
+
+
+def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {
+        "recordings": _recordings(datasets),
+        "titles": plan.titles,
+        "kinds": {name: plan.run.kind(name).name for name in plan.run.compare},
+        "studies": _values(plan, _claimed_studies(plan)),
+        "horizons": list(plan.run.tables.horizons_s),
+        "measured": _measured(plan, datasets),
+    }
+
+
+def _parameter_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    studied = plan.run.method(plan.run.studies.method)
+    return {
+        "method": plan.run.title(studied.name),
+        "values": _values(plan, plan.studied),
+        "chosen": {parameter: getattr(studied.options, parameter) for parameter in plan.studied},
+        "horizons": list(plan.run.tables.horizons_s),
+    }
+
+
+def _training_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {
+        "titles": plan.run.titles(plan.from_less),
+        "shares": list(plan.run.studies.training.shares),
+        "horizons": list(plan.run.ladder.horizons_s),
+    }
+
+
+def _ladder_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    rungs = [method for method, _ in plan.run.rungs]
+    beyond = [name for name in rungs if not plan.run.kind(name).published]
+    return {
+        "rungs": rungs,
+        "reference": plan.run.ladder.reference,
+        "titles": plan.run.titles(rungs),
+        # A network without grids does not know where it is.
+        "with_memory": [name for name in beyond if getattr(plan.run.method(name).options, "grids", True)],
+    }
+
+
+def _ladder_table_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    (dataset,) = datasets
+    return {
+        "rows": [list(row) for row in plan.run.rungs],
+        "reference": plan.run.ladder.reference,
+        "beside": [list(pair) for pair in plan.run.ladder.beside],
+        "titles": plan.run.titles(plan.run.ladder_methods),
+        "days": sorted({one.day for one in dataset.of_split("test")}),
+    }
+
+
+# --- what they say ----------------------------------------------------------------------------------------------------
+
+
+def _results_caption(plan: Plan) -> str:
+    return (
+        "ADE / FDE in metres at each dataset's longest horizon under both protocols, with scored and eligible tracks; "
+        "each track at its own length; how many forecasts, and true paths, come 0.3 m inside a wall of the floor plan; "
+        f"below, the other table horizons. Means over {len(plan.run.seeds)} seeds per track, then over tracks."
+    )
+
+
+def _parameter_caption(plan: Plan) -> str:
+    studies = plan.run.studies
+    return (
+        f"ADE of {plan.run.title(studies.method)} at several horizons against the kernel parameter β (left) and the "
+        "sampling radius r_s (right), the other options as in the parameter table; mean, one standard deviation over "
+        f"tracks (thin bars) and over seeds (thick bars), under both protocols. At most {studies.max_tracks} test "
+        "tracks, always the same ones. Under the paper protocol each value scores other tracks: the legend gives "
+        "the lowest and highest number."
+    )
+
+
+LADDER = (
+    "One change per row, from the paper's configuration to the best one, under the complete protocol: every method "
+    "forecasts every eligible track, and no method is told how long a track is. Options were chosen on a part of the "
+    "training recordings kept for validation. Intervals are 95 % bootstrap intervals over persons, or over days "
+    "where there are several test days; the table adds the paired differences, the cost of a forecast, and the paper "
+    "protocol. "
+    '"Network without a map" knows only the last seconds and the compass: a map helps only where it is better than '
+    "this."
+)
+
+
+def _has_rungs(plan: Plan) -> bool:
+    return bool(plan.run.rungs)
+
+
+def _has_networks(plan: Plan) -> bool:
+    return bool(plan.learned)
+
+
+EXHIBITS: tuple[Exhibit, ...] = (
+    Exhibit(
+        name="tab_scenarios",
+        form="table",
+        module=f"{MODULES}.tables",
+        function="draw_parameters",
+        title="parameters",
+        category="Tables",
+        paper="tab:scenarios",
+        caption="Parameters of the maps and of the roll-out, and the 90th percentile of the length of the test tracks "
+        "after the last observation, which according to the paper sets its longest horizons.",
+        needs=_tracks,
+        asks=_constants,
+    ),
+    Exhibit(
+        name="tab_expres",
+        form="table",
+        module=f"{MODULES}.tables",
+        function="draw_results",
+        title="results",
+        category="Tables",
+        paper="tab:expres",
+        caption=_results_caption,
+        needs=_scores,
+        asks=lambda plan, datasets: {"methods": plan.titles, "horizons": list(plan.run.tables.horizons_s)},
+    ),
+    Exhibit(
+        name="tab_ttests",
+        form="table",
+        module=f"{MODULES}.tables",
+        function="draw_ttests",
+        title="t-tests",
+        category="Tables",
+        caption="Every paired one-sided t-test of the configuration, on the tracks that both methods scored: mean "
+        "difference, its 95 % interval, effect size (Cohen's d_z), p and p after Holm's correction over all tests of a "
+        "dataset and protocol.",
+        needs=lambda plan, datasets: [plan.layout.ttests(dataset.name) for dataset in datasets],
+        asks=_methods,
+    ),
+    Exhibit(
+        name="claims",
+        form="table",
+        module=f"{MODULES}.claims_table",
+        title="the paper's claims, tested",
+        category="Tables",
+        caption="Every claim of the paper's results section, its place and p there, beside our test of it: "
+        "hypothesis, both values, n, mean difference, 95 % interval, p, p after Holm's correction, and a verdict, "
+        "under each protocol. Claims that need learned methods or the runtime study are marked where these have not "
+        "been run.",
+        needs=_claims,
+        asks=_claims_asks,
+        memory_mb=1500,
+        minutes=30,
+    ),
+    Exhibit(
+        name="tab_models",
+        form="table",
+        module=f"{MODULES}.trainings",
+        title="trained networks",
+        category="Tables",
+        caption="The learned baselines as they were trained: budget, number of parameters, tracks, epochs run of those "
+        "planned, the validation error of held-out training persons, and how much it still changed at the end.",
+        needs=_trainings,
+        asks=_networks,
+        wanted=_has_networks,
+    ),
+    Exhibit(
+        name="ladder-{label}",
+        form="table",
+        module=f"{MODULES}.ladder_table",
+        title="ladder",
+        category="Tables",
+        caption=LADDER,
+        needs=_ladder_files,
+        asks=_ladder_table_asks,
+        wanted=_has_rungs,
+    ),
+    Exhibit(
+        name="{label}_final",
+        form="figure",
+        module=f"{MODULES}.horizon_errors",
+        title="errors against horizon",
+        category="Figures",
+        paper="fig:atc_final, fig:edin_final",
+        caption="ADE and FDE against the prediction horizon, mean and one standard deviation over tracks, under the "
+        "paper protocol (upper row) and the complete protocol (lower row). The legend gives scored and eligible tracks "
+        "at the longest horizon.",
+        needs=_scores,
+        asks=_methods,
+    ),
+    Exhibit(
+        name="coverage",
+        form="figure",
+        module=f"{MODULES}.coverage",
+        title="coverage",
+        category="Figures",
+        caption="Share of the eligible tracks that each method scores at each horizon under the paper protocol "
+        "(above), and how many are eligible under either protocol (below). A method's error under the paper protocol "
+        "is that of the tracks on which at least one of its futures stayed on the map, so methods are compared on "
+        "different tracks; under the complete protocol all score every eligible track.",
+        needs=_scores,
+        asks=_methods,
+    ),
+    Exhibit(
+        name="rank-metrics",
+        form="figure",
+        module=f"{MODULES}.ranking_gain",
+        title="with and without ranking",
+        category="Figures",
+        paper="fig:rank-metrics",
+        caption="ADE of TC-CLiFF with ranking (the most likely of the k futures) and without (mean error of the k), "
+        "both protocols.",
+        needs=_scores,
+        asks=lambda plan, datasets: {"method": "tc_cliff", "title": plan.run.title("tc_cliff")},
+        wanted=lambda plan: "tc_cliff" in plan.run.compare,
+    ),
+    Exhibit(
+        name="ladder",
+        form="figure",
+        module=f"{MODULES}.ladder_figure",
+        title="ladder",
+        category="Studies",
+        caption=LADDER,
+        needs=lambda plan, datasets: [plan.layout.ladder(dataset.name, "scores") for dataset in datasets],
+        asks=_ladder_asks,
+        wanted=_has_rungs,
+    ),
+    Exhibit(
+        name="learning-curves",
+        form="figure",
+        module=f"{MODULES}.learning_curves",
+        title="learning curves",
+        category="Studies",
+        caption="Learning curves of the networks: the validation error of held-out training persons (above) and the "
+        "training loss (below). A curve that still falls at its end means that longer training would give a better "
+        "baseline.",
+        needs=_trainings,
+        asks=_networks,
+        wanted=_has_networks,
+    ),
+    Exhibit(
+        name="parameter-{label}",
+        form="figure",
+        module=f"{MODULES}.parameter_study",
+        title="ADE against beta and r_s",
+        category="Studies",
+        paper="fig:parameter",
+        caption=_parameter_caption,
+        needs=lambda plan, datasets: _studies(plan, datasets, plan.studied),
+        asks=_parameter_asks,
+        wanted=lambda plan: bool(plan.studied),
+        memory_mb=1500,
+    ),
+    Exhibit(
+        name="training-share",
+        form="figure",
+        module=f"{MODULES}.training_share",
+        title="amount of training data",
+        category="Studies",
+        caption="ADE under the complete protocol with maps built from a share of the training tracks, drawn by a hash "
+        "of their ids, so that a larger share contains every smaller one. Where a line still falls at its right end, "
+        "more recordings would help.",
+        needs=lambda plan, datasets: _studies(plan, datasets, ["training"]),
+        asks=_training_asks,
+        wanted=lambda plan: bool(plan.from_less),
+        memory_mb=1500,
+    ),
+)

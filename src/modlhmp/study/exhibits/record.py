@@ -1,0 +1,71 @@
+"""What an exhibit is: one record, from which its rule, its report entry and the list of what a run makes follow."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, Literal
+
+from modlhmp.datasets import Dataset
+from modlhmp.study.layout import FIGURE_FORMS, TABLE_FORMS
+from modlhmp.study.plan import Plan
+
+Needs = Callable[[Plan, list[Dataset]], list[str]]
+Asks = Callable[[Plan, list[Dataset]], dict[str, Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exhibit:
+    """A table or figure: what it is called, drawn from, and drawn by.
+
+    `name` is its file name, with `{label}` where there is one per dataset. `draw(layout, datasets, stem, **asks)` (one
+    per dataset: `draw(layout, dataset, stem, **asks)`) of `module` writes `stem` with every suffix of its form. It
+    reads only the files that `needs` lists, and depends only on its dataset's settings and on what `asks` names.
+    """
+
+    name: str
+    form: Literal["table", "figure"]
+    module: str
+    function: str = "draw"
+    title: str  # what the report calls it
+    category: Literal["Tables", "Figures", "Maps", "Forecasts", "Studies"]
+    paper: str = ""  # the paper's labels; empty if it is not in the paper
+    caption: str | Callable[[Plan], str]
+    needs: Needs
+    asks: Asks = lambda plan, datasets: {}
+    wanted: Callable[[Plan], bool] = lambda plan: True
+    memory_mb: int = 1000
+    minutes: int = 10
+
+    @property
+    def per_dataset(self) -> bool:
+        """Whether there is one per dataset."""
+        return "{label}" in self.name
+
+    @property
+    def rule(self) -> str:
+        """Name of its rule."""
+        words = self.name.replace("{label}", "").removeprefix("tab_").replace("-", "_").split("_")
+        return "_".join([self.form, *filter(None, words)])
+
+    def caption_in(self, plan: Plan) -> str:
+        """Its caption in a run."""
+        return self.caption if isinstance(self.caption, str) else self.caption(plan)
+
+    def shown(self, plan: Plan, label: str | None = None) -> list[Dataset]:
+        """The datasets that it shows: all of a run, or the one of the label."""
+        return list(plan.datasets.values()) if label is None else [plan.labelled(label)]
+
+    def files(self, plan: Plan) -> list[str]:
+        """Every file of it in a run."""
+        labels = [dataset.label for dataset in plan.datasets.values()] if self.per_dataset else [""]
+        stems = [plan.layout.exhibit(self.name.format(label=label)) for label in labels]
+        return [f"{stem}.{suffix}" for stem in stems for suffix in self.suffixes]
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Suffixes of its files; the last one's file is shown in the report."""
+        return TABLE_FORMS if self.form == "table" else FIGURE_FORMS
+
+    def drawn_by(self) -> Callable[..., None]:
+        """The function that draws it."""
+        return getattr(import_module(self.module), self.function)

@@ -1,0 +1,93 @@
+"""What a run consists of, as rules and exhibits ask for it: its settings, its datasets, and where everything lies."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from modlhmp.datasets import Dataset
+from modlhmp.methods import Method
+from modlhmp.settings import as_plain
+from modlhmp.study.layout import Layout
+from modlhmp.study.settings import RunSettings
+
+# The settings of a dataset that decide a stage's result; the others only affect names and drawings.
+CLEANING_KEYS = (
+    *("reader", "timezone", "time_step_s", "cleaning", "frame_rate", "row_stride", "scale"),
+    *("columns", "header", "separator", "units"),
+)
+FORECAST_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity", "difference_weights")
+SCORE_KEYS = (*FORECAST_KEYS, "paper_protocol")
+SITE_KEYS = (*SCORE_KEYS, "hours")  # of the `Site` that a map carries
+NOT_SHOWN = ("recordings", "sources")  # lists of files, which exhibits do not depend on
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A run: settings, paths, datasets by name."""
+
+    run: RunSettings
+    layout: Layout
+    datasets: dict[str, Dataset]
+
+    def settings_of(self, dataset: str, keys: Iterable[str] | None = None) -> dict[str, Any]:
+        """A dataset's settings for these keys, or all but the lists of files, as mappings and scalars."""
+        plain = as_plain(self.datasets[dataset])
+        return {key: plain[key] for key in (keys or sorted(plain.keys() - set(NOT_SHOWN)))}
+
+    def method(self, dataset: str, name: str) -> Method:
+        """A method, with what has been tuned for a dataset."""
+        return self.run.method(name, self.datasets[dataset].tuned)
+
+    def map_of(self, dataset: str, name: str) -> str | list[str]:
+        """The map that a method needs, nothing for one without."""
+        kind = self.run.kind(name)
+        return self.layout.map(dataset, kind.name) if kind.has_map else []
+
+    def exits_of(self, dataset: str, name: str) -> str | list[str]:
+        """The ways out, for a method that samples its map and uses them."""
+        uses = self.run.kind(name).sampled and self.method(dataset, name).options.exits
+        return self.layout.map(dataset, "exits") if uses else []
+
+    def tracks(self, dataset: str, split: str) -> list[str]:
+        """The clean recordings of a split."""
+        return [self.layout.tracks(dataset, one.name) for one in self.datasets[dataset].of_split(split)]
+
+    def labelled(self, label: str) -> Dataset:
+        """The dataset whose exhibits carry a label."""
+        return next(dataset for dataset in self.datasets.values() if dataset.label == label)
+
+    @property
+    def titles(self) -> dict[str, str]:
+        """Titles of the compared methods by name, in the order of the tables."""
+        return self.run.titles(self.run.compare)
+
+    @property
+    def compared_kinds(self) -> set[str]:
+        """Kinds of the compared methods."""
+        return {self.run.kind(name).name for name in self.run.compare}
+
+    @property
+    def learned(self) -> list[str]:
+        """Networks among the methods that the run needs."""
+        return [name for name in self.run.methods_run if self.run.kind(name).learned]
+
+    @property
+    def averages(self) -> list[str]:
+        """Methods that are the mean of others."""
+        return [name for name in self.run.methods_run if self.run.kind(name).name == "average"]
+
+    @property
+    def measured(self) -> list[str]:
+        """Compared methods whose distributions are scored."""
+        return [name for name in self.run.compare if name in self.run.uncertainty.methods]
+
+    @property
+    def studied(self) -> list[str]:
+        """Parameters that are studied."""
+        return [name for name in ("beta", "sampling_radius_m") if getattr(self.run.studies, name)]
+
+    @property
+    def from_less(self) -> list[str]:
+        """Compared methods whose maps are also built from less data."""
+        training = self.run.studies.training
+        return [name for name in training.methods if name in self.run.compare] if training.shares else []

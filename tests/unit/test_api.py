@@ -1,0 +1,321 @@
+"""The library's front door: what a notebook or a robot imports."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import modlhmp
+from modlhmp import DataError, Site
+from modlhmp.contract import SITE, crowd
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.methods import make_forecaster
+from modlhmp.options import Episodes, RollOut, Snippets
+from modlhmp.scoring.recording import score_recording
+from modlhmp.site import IdleFilter, PaperProtocol
+from modlhmp.tracks import usable_tracks, write_tracks
+
+PEOPLE = crowd()
+MAPS = ("cliff", "tc_cliff", "stef", "episodes", "snippets")
+OPTIONS = {"episodes": Episodes(), "snippets": Snippets(k=20)}
+
+
+def seen(tracks, rows=4):
+    """The first rows of every track: what a walker's history is in the workflow."""
+    first = tracks.bounds()[:-1]
+    return tracks.take((first[:, None] + np.arange(rows)).ravel())
+
+
+@pytest.fixture(scope="module")
+def maps():
+    """A map of every kind, of the same people."""
+    return {kind: modlhmp.build_map(kind, PEOPLE, SITE) for kind in MAPS}
+
+
+def refused(message, call, *arguments, **named):
+    with pytest.raises(DataError, match=message):
+        call(*arguments, **named)
+
+
+# --- the package itself ----------------------------------------------------------------------------------------------
+
+
+def test_it_offers_about_a_dozen_documented_names():
+    assert 10 <= len(modlhmp.__all__) <= 15
+    for name in modlhmp.__all__:
+        assert getattr(modlhmp, name).__doc__, name
+    assert set(dir(modlhmp)) == {*modlhmp.__all__, "__version__"}
+    with pytest.raises(AttributeError, match="forcast"):
+        modlhmp.forcast  # noqa: B018
+
+
+def test_importing_it_loads_nothing_else():
+    heavy = "{'numpy', 'numba', 'pyarrow', 'pydantic'}"
+    code = f"import sys; import modlhmp; print(sorted({{n.split('.')[0] for n in sys.modules}} & {heavy}))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+# --- tracks ----------------------------------------------------------------------------------------------------------
+
+
+CSV = "person;time;x;y\n" + "".join(f"{p};{1000 * k};{120 * k};{50 * p}\n" for p in (1, 2) for k in range(9))
+NAMED = {"columns": {"track_id": "person", "t": "time", "x": "x", "y": "y"}, "separator": ";"}
+
+
+def test_any_file_by_columns_and_units(write):
+    tracks = modlhmp.read_tracks(write(CSV), **NAMED, units={"time": "ms", "length": "cm"})
+    assert np.diff(tracks.bounds()).tolist() == [9, 9]
+    np.testing.assert_allclose(tracks.x[:3], [0, 1.2, 2.4])
+    np.testing.assert_allclose(tracks.t[:3], [0, 1, 2])
+
+
+def test_a_day_and_its_clock(write):
+    path = write(CSV)
+    tracks = modlhmp.read_tracks(path, **NAMED, units={"time": "ms"}, day="2026-03-02", start="09:00")
+    assert tracks.t[0] == 1772442000.0
+    refused("say the `day`", modlhmp.read_tracks, path, **NAMED, start="09:00")
+
+
+def test_a_clean_recording_and_a_dataset_file(write, tmp_path):
+    write_tracks(PEOPLE, tmp_path / "clean.parquet")
+    for ours, theirs in zip(modlhmp.read_tracks(tmp_path / "clean.parquet"), PEOPLE, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    for name in ("a.csv", "b.csv"):
+        write(CSV, name)
+    dataset = write(
+        "title: Mine\nreader: delimited\ntimezone: Europe/London\nhours: [8, 18]\nheader: true\nseparator: ';'\n"
+        "columns: {track_id: person, t: time, x: x, y: y}\nunits: {time: ms, length: cm}\nrecordings:\n"
+        "  - {files: a.csv, day: 2020-03-02, start: '08:00', split: train}\n"
+        "  - {files: b.csv, day: 2020-03-03, start: '08:00', split: test}\n"
+        "horizon_s: 5\nvelocity: differences\ncitation: nobody\nterms: free\n",
+        "mine.yaml",
+    )
+    assert len(modlhmp.read_tracks(dataset).bounds()) - 1 == 4
+    assert len(modlhmp.read_tracks(dataset, split="test").bounds()) - 1 == 2
+
+
+@pytest.mark.parametrize(
+    ("form", "message"),
+    [
+        ({}, "say which `columns`"),
+        ({"columns": {"track_id": 0, "t": 1, "x": 2}}, "'y'"),
+        ({"reader": "edinburgh"}, "reader 'edinburgh' needs the key 'frame_rate'"),
+        ({**NAMED, "units": {"length": "px"}}, "units in 'px' need the key 'scale'"),
+        ({**NAMED, "timezone": "Mars"}, "timezone 'Mars' is unknown"),
+        ({"colums": {}}, "unknown key 'colums', did you mean 'columns'"),
+        ({**NAMED, "units": {"length": "inch"}}, "'inch' is not one of"),
+        ({**NAMED, "columns": {**NAMED["columns"], "x": "px"}}, "row 1: no column 'px' for x"),
+    ],
+)
+def test_a_file_that_is_described_wrongly(write, form, message):
+    refused(message, modlhmp.read_tracks, write(CSV), **form)
+
+
+# --- maps ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", MAPS)
+def test_a_map_is_saved_and_loaded(maps, tmp_path, kind):
+    path = tmp_path / "a_map"
+    maps[kind].save(path)
+    again = modlhmp.load_map(path)
+    assert (again.kind, again.site) == (kind, SITE)
+    assert again.hours.keys() == maps[kind].hours.keys()
+    history = seen(PEOPLE)
+    ours, theirs = (modlhmp.forecast(one, history, k=3) for one in (maps[kind], again))
+    np.testing.assert_array_equal(ours.paths, theirs.paths)
+
+
+def test_a_map_without_its_metadata_is_refused(maps, tmp_path):
+    """Not read at 1 m and at 1 s."""
+    path = tmp_path / "cliff.parquet"
+    maps["cliff"].save(path)
+    table = pq.read_table(path)
+    pq.write_table(table.replace_schema_metadata({b"resolution": b"1.0"}), path)
+    refused("lacks its kind and its site", modlhmp.load_map, path)
+    pq.write_table(table.replace_schema_metadata({b"modlhmp": table.schema.metadata[b"modlhmp"]}), path)
+    refused("no metadata resolution", modlhmp.forecast, modlhmp.load_map(path), seen(PEOPLE))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named", "message"),
+    [
+        (("clif", PEOPLE), {}, "did you mean 'cliff'"),
+        (("cvm", PEOPLE), {}, "is not a map; maps are cliff"),
+        (("cliff", PEOPLE), {"resolution": 2}, "unknown key 'resolution', did you mean 'resolution_m'"),
+        (("cliff", PEOPLE), {"resolution_m": -1}, "resolution_m"),
+        (("cliff", np.zeros((3, 3))), {}, "give modlhmp.Tracks"),
+        (("cliff", PEOPLE, Site(time_step_s=0.4)), {}, "a row every 1 s, the site's time_step_s is 0.4"),
+        (("cliff", PEOPLE._replace(t=PEOPLE.t[::-1])), {}, "sort by track, then time"),
+    ],
+)
+def test_a_map_that_cannot_be_built(arguments, named, message):
+    refused(message, modlhmp.build_map, *arguments, **named)
+
+
+def test_a_folder_without_a_map(tmp_path):
+    refused("a folder without a map", modlhmp.load_map, tmp_path)
+    refused("cannot be read", modlhmp.load_map, tmp_path / "nothing.parquet")
+
+
+# --- forecasts -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", MAPS)
+def test_a_forecast_is_the_workflow_s_to_the_bit(maps, tmp_path, kind):
+    """With its key; a walker alone as well as among all."""
+    maps[kind].save(tmp_path / "map")
+    options, key = OPTIONS.get(kind, RollOut()), ("hall", kind, "day1")
+    forecaster = make_forecaster(kind, options, SITE, tmp_path / "map")
+    ((_, ids, expected),) = forecast_recording(PEOPLE, forecaster, SITE, key, options.k, [2])
+    history, k = seen(PEOPLE), options.k
+    got = modlhmp.forecast(maps[kind], history, seed=2, k=k, key=key)
+    np.testing.assert_array_equal(got.track_id, ids)
+    for ours, theirs in zip(got.forecast[:3], expected[:3], strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    alone = history.take(history.track_id == 7)
+    np.testing.assert_array_equal(modlhmp.forecast(maps[kind], alone, seed=2, k=k, key=key).best[0], got.best[7])
+
+
+def test_shapes_and_who_is_still_there(maps):
+    futures = modlhmp.forecast(maps["snippets"], seen(PEOPLE), horizon_s=6, k=12)
+    n = len(futures.track_id)
+    assert futures.paths.shape == (n, 12, 6, 2)
+    assert futures.alive.shape == (n, 12, 6)
+    assert futures.best.shape == (n, 6, 2)
+    np.testing.assert_array_equal(futures.times_s, np.arange(1, 7))
+    left = futures.left(6)
+    np.testing.assert_allclose(left, 1 - futures.alive[:, :, 5].mean(axis=1))
+    ranked = modlhmp.forecast(maps["cliff"], seen(PEOPLE))
+    assert sorted(ranked.ranks[0]) == [0, 1, 2, 3, 4]
+    np.testing.assert_array_equal(ranked.best[3], ranked.paths[3, ranked.ranks[3].argmin()])
+
+
+def test_a_density_sums_to_one_around_where_they_may_be(maps):
+    futures = modlhmp.forecast(maps["snippets"], seen(PEOPLE), k=100)
+    p, (x_low, x_high, y_low, y_high) = futures.density(at_s=4, cell_m=0.25, walker=5)
+    assert p.sum() == pytest.approx(1)
+    assert p.shape == (round((y_high - y_low) / 0.25), round((x_high - x_low) / 0.25))
+    x = x_low + 0.25 * (np.arange(p.shape[1]) + 0.5)
+    there = futures.alive[5, :, 3]
+    assert (p.sum(axis=0) * x).sum() == pytest.approx(futures.paths[5, there, 3, 0].mean(), abs=0.1)
+    fixed = futures.density(4, 0.5, 5, extent=(-20, 20, -5, 5))
+    assert fixed.probabilities.shape == (20, 80)
+    refused("give a multiple of 1 s from 1 to 8", futures.density, 9, 0.5)
+    refused("there are 80", futures.density, 4, 0.5, walker=80)
+    refused("none of", futures.density, 4, 0.5, extent=(500, 510, 0, 5))
+
+
+def test_constant_velocity_needs_no_map():
+    one = np.column_stack([np.arange(4.0), 1.2 * np.arange(4), np.zeros(4)])
+    futures = modlhmp.forecast("cvm", one, horizon_s=3)
+    np.testing.assert_allclose(futures.best[0], [[4.8, 0], [6.0, 0], [7.2, 0]], atol=1e-6)
+    several = modlhmp.forecast("cvm", np.stack([one, one + np.array([0, 1, 0])]), horizon_s=3)
+    np.testing.assert_allclose(several.best[1], futures.best[0] + [1, 0], atol=1e-6)
+
+
+STRAIGHT = np.column_stack([np.arange(4.0), 1.2 * np.arange(4), np.zeros(4)])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named", "message"),
+    [
+        (("cvm", STRAIGHT), {"horizon_s": 2.5}, "horizon_s 2.5: give a positive multiple"),
+        (("cvm", STRAIGHT), {"horizon_s": 0}, "horizon_s 0"),
+        (("cvm", STRAIGHT), {"seed": -1}, "seed -1"),
+        (("cvm", STRAIGHT), {"beta": 1}, "unknown key 'beta'"),
+        (("cvm", STRAIGHT[:3]), {}, "has 3 rows; observed_rows of the site is 4"),
+        (("cvm", STRAIGHT[:, :2]), {}, "give Tracks, or \\[rows, 3\\]"),
+        (("cvm", STRAIGHT * [0.4, 1, 1]), {}, "a row every 0.4 s"),
+        (("cvm", STRAIGHT * [1, np.nan, 1]), {}, "is not a number"),
+        (("cvm", STRAIGHT[:0]), {}, "no row"),
+        (("snippets", STRAIGHT), {}, "give a Map"),
+        (("cwm", STRAIGHT), {}, "did you mean 'cvm'"),
+        ((3, STRAIGHT), {}, "give a Map"),
+        (("cvm", STRAIGHT), {"site": Site(velocity="as_recorded")}, "rows lack speeds"),
+    ],
+)
+def test_a_forecast_that_cannot_be_made(arguments, named, message):
+    refused(message, modlhmp.forecast, *arguments, **named)
+
+
+def test_ways_out(maps):
+    """A map that is sampled needs them as a map of their own; a snippet knows whether its person left."""
+    exits, history = modlhmp.build_map("exits", PEOPLE, SITE), seen(PEOPLE)
+    refused("needs the ways out", modlhmp.forecast, maps["cliff"], history, exits=True)
+    refused("has no forecaster", modlhmp.forecast, exits, history)
+    stay, leave = (modlhmp.forecast(maps["cliff"], history, exits=one, k=50) for one in (None, exits))
+    assert leave.left(8).mean() > stay.left(8).mean()
+    stay, leave = (modlhmp.forecast(maps["snippets"], history, exits=one, k=50) for one in (False, True))
+    assert leave.left(8).mean() >= stay.left(8).mean()
+
+
+def test_options_of_a_map_are_checked(maps):
+    refused("unknown key 'beta'", modlhmp.forecast, maps["snippets"], seen(PEOPLE), beta=2)
+    refused("beta", modlhmp.forecast, maps["cliff"], seen(PEOPLE), beta=-1)
+
+
+# --- scores ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["tc_cliff", "snippets"])
+@pytest.mark.parametrize("protocol", ["paper", "complete"])
+def test_scores_are_the_workflow_s(maps, tmp_path, kind, protocol):
+    site = Site(
+        **{**vars(SITE), "paper_protocol": PaperProtocol(idle_filter=IdleFilter(rows=5, min_displacement_m=5.9))}
+    )
+    a_map = modlhmp.Map(kind, site, maps[kind].whole, maps[kind].hours)
+    a_map.save(tmp_path / "map")
+    options, key = OPTIONS.get(kind, RollOut()), ("hall", kind, "day1")
+    forecasts = forecast_recording(
+        PEOPLE, make_forecaster(kind, options, site, tmp_path / "map"), site, key, options.k, [0]
+    )
+    table = score_recording(PEOPLE, forecasts, "day1", site).to_pandas()
+    output = "ranked" if kind == "tc_cliff" else "median"
+    table = table[(table["protocol"] == protocol) & (table["output"] == output)]
+    futures = modlhmp.forecast(a_map, seen(PEOPLE), k=options.k, key=key)
+    scores = modlhmp.score(futures, PEOPLE, protocol)
+    assert scores.output == output
+    np.testing.assert_array_equal(scores.ade.astype(np.float32), np.stack(table["ade"]))
+    np.testing.assert_array_equal(scores.fde.astype(np.float32), np.stack(table["fde"]))
+    np.testing.assert_array_equal(scores.eligible.sum(axis=1), table["eligible_steps"].clip(upper=8))
+    assert scores.at(5)["n"] == np.isfinite(scores.ade[:, 4]).sum() == scores.n[4]
+    assert 0 < scores.eligible[:, 4].sum() < 80 if protocol == "paper" else True
+
+
+def test_scores_against_positions():
+    futures = modlhmp.forecast("cvm", STRAIGHT, horizon_s=3)
+    truth = np.array([[[4.8, 3.0], [6.0, 4.0], [np.nan, np.nan]]])
+    scores = modlhmp.score(futures, truth)
+    np.testing.assert_allclose(scores.fde[0], [3, 4, np.nan], atol=1e-6)
+    np.testing.assert_allclose(scores.ade[0], [3, 3.5, np.nan], atol=1e-6)
+    assert scores.at(2) == pytest.approx({"ade_m": 3.5, "fde_m": 4.0, "n": 1, "eligible": 1}, abs=1e-6)
+
+
+def test_scores_that_cannot_be_given():
+    futures = modlhmp.forecast("cvm", STRAIGHT, horizon_s=3)
+    refused("did you mean 'complete'", modlhmp.score, futures, STRAIGHT[None, :, 1:], "complet")
+    refused("truth of shape", modlhmp.score, futures, STRAIGHT)
+    refused("has no track", modlhmp.score, futures, PEOPLE._replace(track_id=PEOPLE.track_id + 5))
+    refused("it was not forecast", modlhmp.score(futures, STRAIGHT[None, :3, 1:]).at, 9)
+
+
+def test_usable_histories_are_those_of_the_workflow():
+    """The walkers of `seen` are the workflow's tracks, in its order."""
+    rows = usable_tracks(PEOPLE)
+    np.testing.assert_array_equal(PEOPLE.track_id[rows[:, 0]], np.unique(PEOPLE.track_id))
+
+
+def test_importing_the_library_changes_nothing_in_the_process():
+    """No environment variable, no folder, no setting of another library."""
+    code = """
+import os, warnings
+import numpy as np, pyarrow as pa
+before = dict(os.environ), pa.default_memory_pool().backend_name, np.geterr(), list(warnings.filters)
+import modlhmp, modlhmp.api, modlhmp.datasets, modlhmp.contract, modlhmp.cli, modlhmp.networks
+print((dict(os.environ), pa.default_memory_pool().backend_name, np.geterr(), list(warnings.filters)) == before)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "True\n"

@@ -1,0 +1,42 @@
+"""The command `modlhmp`."""
+
+import pytest
+from typer.testing import CliRunner
+
+from modlhmp import __version__
+from modlhmp.cli import app, main
+from modlhmp.kinds import BUILT_IN
+
+
+def said(*arguments):
+    done = CliRunner().invoke(app, arguments)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_version_and_help():
+    assert said("--version").strip() == f"modlhmp {__version__}"
+    assert "kinds" in said("--help")
+    assert "--install-completion" in said("--help")
+
+
+def test_every_kind_is_listed():
+    lines = said("kinds").splitlines()
+    assert {line.split()[0] for line in lines} >= {kind.name for kind in BUILT_IN}
+
+
+@pytest.mark.parametrize("kind", [kind.name for kind in BUILT_IN])
+def test_the_options_of_a_kind_with_their_meanings(kind):
+    text = said("kinds", kind)
+    assert text.startswith(f"{kind}: ")
+    if kind == "cliff":
+        for part in ("resolution_m = 1.0", "beta = 1.0", "r_s: dynamics are looked for"):
+            assert part in text
+
+
+def test_a_kind_that_is_none_is_one_line(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["modlhmp", "kinds", "clif"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    assert capsys.readouterr().err.strip() == "kind: no kind named 'clif'; did you mean 'cliff'?"

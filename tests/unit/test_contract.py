@@ -1,0 +1,201 @@
+"""The contract of a kind: every built-in one and an outside package's keep it, broken ones are told what they broke."""
+
+import dataclasses
+import sys
+import types
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modlhmp import contract, kinds
+from modlhmp.contract import check_kind
+from modlhmp.forecasting.base import Forecast
+from modlhmp.kinds import BUILT_IN, Kind
+from modlhmp.settings import option
+
+OUTSIDE = Path(__file__).parents[1] / "outside/walking/src"
+SMALL = {  # networks of a size that is built at once
+    "lstm": {"hidden": 8, "embedding": 4},
+    "social_lstm": {"hidden": 8, "embedding": 4},
+    "trajectronpp": {"decoder": 8},
+    "tutr": {"modes": 4, "width": 16},
+    "mid": {"context": 8},
+    "neural_map": {},
+}
+
+
+@pytest.fixture
+def registered(monkeypatch):
+    """Function (kinds by name): the registry with these beside its own."""
+
+    def register(**others):
+        monkeypatch.setattr(kinds, "all_kinds", lambda: {**{kind.name: kind for kind in BUILT_IN}, **others})
+        monkeypatch.setattr(contract, "all_kinds", kinds.all_kinds)
+
+    return register
+
+
+@pytest.mark.parametrize("kind", BUILT_IN, ids=lambda kind: kind.name)
+def test_built_in_kinds_keep_it(kind):
+    known = {field.name for field in dataclasses.fields(kind.options)}
+    check_kind(kind, **{name: value for name, value in SMALL.get(kind.name, {}).items() if name in known})
+
+
+@pytest.mark.parametrize("name", ["MEAN_FLOW", "STANDING", "LINE"])
+def test_an_outside_package_keeps_it(monkeypatch, registered, name):
+    """The three that `tests/outside/walking` registers by entry points."""
+    monkeypatch.syspath_prepend(OUTSIDE)
+    kind = getattr(__import__("walking"), name)
+    registered(**{kind.name: kind})
+    check_kind(kind)
+
+
+# --- what is registered -------------------------------------------------------------------------------------
+
+
+def test_entry_points_are_found(monkeypatch):
+    monkeypatch.syspath_prepend(OUTSIDE)
+    points = [EntryPoint(name, f"walking:{name.upper()}", kinds.GROUP) for name in ("standing", "line", "mean_flow")]
+    monkeypatch.setattr(kinds, "entry_points", lambda group: points)
+    kinds.all_kinds.cache_clear()
+    try:
+        assert list(kinds.all_kinds())[-3:] == ["line", "mean_flow", "standing"]
+        assert kinds.find("line").title == "Learned line"
+    finally:
+        kinds.all_kinds.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("modlhmp.options:RollOut", r"entry point mine = modlhmp.options:RollOut .*: it names no modlhmp.kinds.Kind"),
+        ("modlhmp.kinds:BUILT_IN", "it names no modlhmp.kinds.Kind"),
+        ("broken_kinds:SAME", "a kind cvm exists already"),
+    ],
+)
+def test_an_entry_point_that_is_no_kind_is_refused(monkeypatch, value, message):
+    module = types.ModuleType("broken_kinds")
+    module.SAME = kinds.find("cvm")
+    monkeypatch.setitem(sys.modules, "broken_kinds", module)
+    monkeypatch.setattr(kinds, "entry_points", lambda group: [EntryPoint("mine", value, kinds.GROUP)])
+    kinds.all_kinds.cache_clear()
+    try:
+        with pytest.raises(kinds.DataError, match=message):
+            kinds.all_kinds()
+    finally:
+        kinds.all_kinds.cache_clear()
+
+
+# --- kinds that break it ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class Far:
+    """Options of a kind."""
+
+    metres: float = option(1.0, "how far")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Silent:
+    """Options that say nothing."""
+
+    metres: float = 1.0
+
+
+class Plain:
+    """Not even a dataclass."""
+
+
+def straight(observed, steps):
+    """A forecast that keeps the contract: straight on along x."""
+    n = len(observed.track_id)
+    xy = np.repeat(np.stack([observed.x[:, -1:], observed.y[:, -1:]], axis=-1)[:, :, None], steps, axis=2)
+    xy[..., 0] += np.arange(1, steps + 1)
+    return Forecast(
+        xy.astype(np.float32), np.zeros((n, 1, steps), np.float32), np.full((n, 1), steps, np.int32), "ranked"
+    )
+
+
+def by_order(observed, steps, keys):
+    whole = straight(observed, steps)
+    return whole._replace(xy=whole.xy + np.arange(len(whole.xy), dtype=np.float32)[:, None, None, None])
+
+
+def moving_on(observed, steps, keys):
+    whole = straight(observed, steps)
+    return whole._replace(steps_alive=whole.steps_alive - 3)
+
+
+def in_float64(observed, steps, keys):
+    whole = straight(observed, steps)
+    return whole._replace(xy=whole.xy.astype(np.float64))
+
+
+def without_a_number(observed, steps, keys):
+    whole = straight(observed, steps)
+    whole.xy[0, 0, -1] = np.nan
+    return whole
+
+
+def too_long(observed, steps, keys):
+    return straight(observed, steps + 1)
+
+
+def of_no_output(observed, steps, keys):
+    return straight(observed, steps)._replace(output="best")
+
+
+def alive_for_too_long(observed, steps, keys):
+    whole = straight(observed, steps)
+    return whole._replace(steps_alive=whole.steps_alive + 1)
+
+
+def by_keys(observed, steps, keys):
+    whole = straight(observed, steps)
+    return whole._replace(xy=whole.xy + (keys[:, :1, None, None] % 7).astype(np.float32))
+
+
+def made(forecast=lambda observed, steps, keys: straight(observed, steps), **changes):
+    """A kind of the name `mine` whose forecaster is this function."""
+    module = types.ModuleType(f"made_kind_{forecast.__name__.strip('<>')}")
+    module.forecaster = lambda model, site, options: forecast
+    sys.modules[module.__name__] = module
+    record = {"name": "mine", "title": "Mine", "options": Far, "forecasts": module.__name__, "random": False}
+    return Kind(**{**record, **changes})
+
+
+def test_a_kind_as_small_as_that_keeps_it(registered):
+    registered(mine=made())
+    check_kind(made())
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (made(by_order), "a forecast depends on who else is forecast, or in which order"),
+        (made(moving_on), "a future that has stopped moves; hold it at its last alive position"),
+        (made(in_float64), "xy is float64, float32 is stored"),
+        (made(without_a_number), "a position is not a number; hold a future that stops at its last one"),
+        (made(too_long), "log_fitness has the shape|xy has the shape"),
+        (made(of_no_output), "output 'best' is none of ranked, median, mean, single"),
+        (made(alive_for_too_long), "steps_alive runs from 9 to 9 of 8"),
+        (made(by_keys), "it is not `random`, but the keys change its forecasts"),
+        (made(options=Silent), r"options \['metres'\] of Silent say nothing: use modlhmp.settings.option"),
+        (made(options=Plain), "Plain is no dataclass"),
+        (made(module="modlhmp.streams", building=Far), "modlhmp.streams lacks build, load"),
+        (made(module="modlhmp.streams", building=Far, hourly=True), "modlhmp.streams lacks build_hours, load"),
+    ],
+)
+def test_a_broken_kind_is_told_what_it_broke(registered, kind, message):
+    registered(mine=kind)
+    with pytest.raises(AssertionError, match=message):
+        check_kind(kind)
+
+
+def test_a_kind_that_nobody_registers_is_told_so():
+    with pytest.raises(AssertionError, match="mine: it is registered under no entry point"):
+        check_kind(made())

@@ -1,0 +1,511 @@
+"""Dataset files: what is shipped loads, what is mistyped is named with its remedy, recordings are found."""
+
+import bz2
+import copy
+import gzip
+import json
+import zipfile
+
+import jsonschema
+import pytest
+import yaml
+
+from modlhmp.cleaning import RULES
+from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, load_dataset, read_yaml, validation_part
+from modlhmp.file_format import Recording
+from modlhmp.readers import read_recording
+from modlhmp.readers.raw import find_recording, open_raw
+from modlhmp.settings import as_plain, build, json_schema
+from modlhmp.storage import DataError
+
+ROWS = "0,1,0,0\n1,1,1,0\n2,1,2,0\n"
+MINE = {
+    "title": "My hall",
+    "reader": "delimited",
+    "columns": {"t": 0, "track_id": 1, "x": 2, "y": 3},
+    "timezone": "Europe/London",
+    "hours": [8, 18],
+    "recordings": [
+        {"files": "a.csv", "day": "2020-03-02", "start": "08:00", "split": "train"},
+        {"files": "b.csv", "day": "2020-03-03", "start": "08:00", "split": "test"},
+    ],
+    "horizon_s": 10,
+    "velocity": "differences",
+    "citation": "nobody, 2020",
+    "terms": "free",
+}
+SHIPPED = ["atc", "atc_1day", "demo_forum", "demo_hall", "edinburgh", "edinburgh_25days"]
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Function (changes or YAML text) -> MINE with these keys changed (None: left out), written and loaded."""
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text(ROWS)
+
+    def load_changed(text=None, root=tmp_path, **changes):
+        listed = {key: value for key, value in {**copy.deepcopy(MINE), **changes}.items() if value is not None}
+        path = tmp_path / "mine.yaml"
+        path.write_text(yaml.safe_dump(listed) if text is None else text)
+        return load_dataset(path, root)
+
+    return load_changed
+
+
+def refused(load, *parts, **changes):
+    """The message with which a changed dataset is refused: it names the file and all of `parts`."""
+    with pytest.raises(DataError) as error:
+        load(**changes)
+    message = str(error.value)
+    for part in ("mine.yaml", *parts):
+        assert part in message
+    return message
+
+
+# --- what is shipped ----------------------------------------------------------------------------------------
+
+
+def test_the_shipped_datasets_are_all_listed_here(config_folder):
+    assert {file.stem for file in (config_folder / "datasets").glob("*.yaml")} >= set(SHIPPED)
+
+
+def test_every_shipped_dataset_loads_without_its_files(config_folder, tmp_path):
+    for file in sorted((config_folder / "datasets").glob("*.yaml")):
+        dataset = load_dataset(file, tmp_path)
+        assert dataset.name == file.stem
+        for recording in dataset.recordings:
+            assert not recording.exists
+            assert recording.path == str(tmp_path / recording.file)
+            assert isinstance(recording.day, str)
+        assert dataset.demo == file.stem.startswith("demo_")
+
+
+@pytest.mark.parametrize(
+    ("name", "train", "test"),
+    [("atc", 1, 9), ("atc_1day", 1, 1), ("edinburgh", 5, 40), ("edinburgh_25days", 5, 20), ("demo_hall", 2, 2)],
+)
+def test_the_papers_days(load_shipped, tmp_path, name, train, test):
+    splits = [recording.split for recording in load_shipped(name, tmp_path).recordings]
+    assert (splits.count("train"), splits.count("test")) == (train, test)
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("name", ["atc_1day", "edinburgh_25days"])
+def test_the_real_recordings_are_found(load_shipped, real_data, name):
+    assert [r.path for r in load_shipped(name, real_data).recordings if not r.exists] == []
+
+
+def test_a_dataset_file_can_hold_tuned_options(load):
+    assert load().tuned == {}
+    assert load(tuned={"snippets": {"k": 7}}).tuned == {"snippets": {"k": 7}}
+    refused(load, "tuned.snippets", tuned={"snippets": 7})
+
+
+# --- the validation part ------------------------------------------------------------------------------------
+
+
+def training(*day_numbers):
+    """A dataset of these training days, two recordings each, and a test day."""
+    listed = [(f"{day}{half}", f"2020-03-{day:02}", "train") for day in day_numbers for half in "ab"]
+    listed.append(("test", "2020-03-31", "test"))
+    recordings = [Recording(name=name, path=f"{name}.csv", day=day, split=split) for name, day, split in listed]
+    return Dataset(label="mine", recordings=tuple(recordings))
+
+
+@pytest.mark.parametrize(
+    ("days_of_training", "held"), [((1, 2), 1), ((1, 2, 3), 1), ((1, 2, 3, 4), 2), (range(1, 11), 3), (range(1, 12), 4)]
+)
+def test_the_last_training_days_stand_in_for_the_test_set(days_of_training, held):
+    """30 % of them, rounded up, whole days; the test recordings are gone."""
+    dataset = training(*list(days_of_training)[::-1])
+    got = validation_part(dataset)
+    by_split = {split: {r.day for r in got.recordings if r.split == split} for split in ("train", "test")}
+    in_order = [f"2020-03-{day:02}" for day in days_of_training]
+    assert by_split == {"train": set(in_order[:-held]), "test": set(in_order[-held:])}
+    assert [r.name for r in got.recordings] == [r.name for r in dataset.recordings[:-1]]
+    assert {r.part for r in got.recordings} == {None}
+    assert got.label == "mine"
+
+
+def test_a_single_training_day_is_cut_in_two():
+    """Each of its recordings becomes two, of names of their own, read from the same file."""
+    got = validation_part(training(4)).recordings
+    parts = [(r.name, r.path, r.split, r.part) for r in got]
+    assert parts == [
+        ("4a-fit", "4a.csv", "train", "fit"),
+        ("4a-validation", "4a.csv", "test", "validation"),
+        ("4b-fit", "4b.csv", "train", "fit"),
+        ("4b-validation", "4b.csv", "test", "validation"),
+    ]
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_dataset_has_a_validation_part(load_shipped, tmp_path, name):
+    dataset = load_shipped(name, tmp_path)
+    got = validation_part(dataset).recordings
+    names = [recording.name for recording in got]
+    assert len(set(names)) == len(names)
+    assert {recording.split for recording in got} == {"train", "test"}
+    own = {recording.path for recording in dataset.recordings if recording.split == "train"}
+    assert {recording.path for recording in got} == own
+
+
+# --- dataset files ------------------------------------------------------------------------------------------
+
+
+def test_a_dataset_file_gets_its_defaults(load):
+    dataset = load()
+    assert (dataset.name, dataset.label) == ("mine", "mine")
+    assert dataset.time_step_s == 1.0
+    assert dataset.cleaning == ("single_row", "gap_over_5s")
+    assert dataset.figure_hours == (8, 12, 17)
+    assert dataset.floor_plan == ()
+    assert dataset.paper_protocol.idle_filter is None
+    assert [recording.name for recording in dataset.recordings] == ["a", "b"]
+    assert all(recording.exists for recording in dataset.recordings)
+
+
+def test_a_loaded_dataset_can_be_read(load):
+    dataset = load()
+    first = dataset.recordings[0]
+    tracks, _ = read_recording(first.path, dataset, first.day, first.start)
+    assert tracks.t.tolist() == [1_583_136_000.0 + k for k in range(3)]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "right"), [("readr", "reader"), ("timezon", "timezone"), ("citaton", "citation"), ("hour", "hours")]
+)
+def test_a_mistyped_key_of_a_dataset_gets_a_hint(load, wrong, right):
+    refused(load, f"unknown key '{wrong}', did you mean '{right}'", **{wrong: MINE[right], right: None})
+
+
+def test_a_mistyped_key_of_a_recording_gets_a_hint(load):
+    recordings = [{**MINE["recordings"][0], "spilt": "train"}, MINE["recordings"][1]]
+    refused(load, "recordings.0: unknown key 'spilt', did you mean 'split'", recordings=recordings)
+
+
+@pytest.mark.parametrize("key", REQUIRED)
+def test_a_missing_key_is_named(load, key):
+    refused(load, f"top level: the key '{key}' is required", **{key: None})
+
+
+def test_all_problems_of_a_file_are_told_at_once(load):
+    """What is missing, mistyped or of no use, each on a line of its own."""
+    recordings = [{"files": "a.csv", "day": "2020-03-02", "split": "trian"}, MINE["recordings"][1]]
+    told = ["'title' is required", "did you mean 'timezone'", "horizon_s: -1", "recordings.0.split: 'trian'"]
+    changes = {"title": None, "timezon": "UTC", "horizon_s": -1, "recordings": recordings}
+    assert len(refused(load, *told, **changes).splitlines()) == 1 + len(told)
+
+
+def test_an_unknown_reader_gets_the_known_ones(load):
+    refused(load, "reader: 'edinburg' is not one of", "edinburgh_rows", "delimited", reader="edinburg")
+
+
+@pytest.mark.parametrize(
+    "zone", ["Europe/Lundon", "", "Japan time", "../London", "/etc/localtime", "Europe", "America"]
+)
+def test_an_unknown_timezone_is_refused(load, zone):
+    refused(load, f"timezone {zone!r} is unknown", "Europe/London", timezone=zone)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_every_rule_is_accepted_with_its_options(load, rule):
+    triangle = {"polygons": [[[0, 0], [50, 0], [0, 50.5]]]}
+    options = {"min_points": {"points": 31}, "start_end_margin": triangle, "lift_loiterers": triangle}
+    assert load(cleaning=[{rule: options[rule]} if rule in options else rule]).cleaning
+
+
+@pytest.mark.parametrize(
+    ("entry", "parts"),
+    [
+        ("single_rwo", ["no rule named 'single_rwo'; did you mean 'single_row'"]),
+        ("zzz", ["no rule named 'zzz'; known: ", *RULES]),
+        ({"min_point": {"points": 3}}, ["did you mean 'min_points'"]),
+        ("min_points", ["min_points takes points"]),
+        ({"min_points": {"point": 3}}, ["min_points takes points", "'point'"]),
+        ({"single_row": {"rows": 3}}, ["single_row takes no option", "'rows'"]),
+        ({"min_points": 31}, ["cleaning.0"]),
+        ({"min_points": {"points": "many"}}, ["min_points", "many"]),
+        ({"min_points": {"points": None}}, ["min_points", "points"]),
+        ({"lift_loiterers": {"polygons": [[487, -1], [641, 50]]}}, ["lift_loiterers", "polygons"]),
+        ({"lift_loiterers": {"polygons": 5}}, ["lift_loiterers", "polygons"]),
+        ({"start_end_margin": {"polygons": [[["a", 1], [2, 3], [4, 5]]]}}, ["start_end_margin", "polygons"]),
+    ],
+)
+def test_a_wrong_cleaning_rule_is_refused(load, entry, parts):
+    refused(load, *parts, cleaning=[entry])
+
+
+def text_with(**replaced):
+    """MINE as a person may type it, with the value of some keys replaced by this text."""
+    text = yaml.safe_dump(MINE, default_flow_style=None, width=1000)
+    for old, new in replaced.values():
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
+def test_an_unquoted_start_after_ten_is_explained(load):
+    """YAML takes 10:30 for a number in base 60."""
+    text = text_with(start=("split: train, start: '08:00'", "split: train, start: 10:30"))
+    refused(load, "recordings.0.start: YAML takes 630 for a number; quote it", '"09:00"', text=text)
+
+
+def test_an_unquoted_day_is_a_date(load):
+    text = text_with(day=("'2020-03-02'", "2020-03-02"))
+    assert load(text=text).recordings[0].day == "2020-03-02"
+
+
+def test_a_date_that_does_not_exist_is_refused(load):
+    """YAML itself fails on it where it is not quoted."""
+    refused(load, "not valid YAML", text=text_with(day=("'2020-03-02'", "2020-02-30")))
+
+
+@pytest.mark.parametrize(
+    "clock", [{"reader": "edinburgh", "scale": 0.02}, {"units": {"time": "frame", "length": "m"}}], ids=["px", "frames"]
+)
+def test_files_without_a_clock_need_a_start(load, clock):
+    recordings = [
+        {key: value for key, value in MINE["recordings"][0].items() if key != "start"},
+        *MINE["recordings"][1:],
+    ]
+    refused(load, "every entry of `recordings` needs a `start`", recordings=recordings, frame_rate=9.0, **clock)
+
+
+@pytest.mark.parametrize("start", ["8:00", "24:00", "29:59", "08:60", "noon", ""])
+def test_a_start_that_is_no_clock_time_is_refused(load, start):
+    recordings = [{**MINE["recordings"][0], "start": start}, MINE["recordings"][1]]
+    refused(load, "start", start, recordings=recordings)
+
+
+@pytest.mark.parametrize("day", ["2020-02-30", "2.3.2020", "yesterday", "2020-03-02T10:00", "2020-03-02 10:00:00"])
+def test_a_day_that_is_no_date_is_refused(load, day):
+    recordings = [{**MINE["recordings"][0], "day": day}, MINE["recordings"][1]]
+    refused(load, "day", day, "2012-10-24", recordings=recordings)
+
+
+@pytest.mark.parametrize("hours", [[9, 9], [17, 9], [24, 0]])
+def test_empty_hours_are_refused(load, hours):
+    refused(load, f"hours {hours} are empty", "one after the last", hours=hours)
+
+
+@pytest.mark.parametrize("hours", [[9], [9, 25], [-1, 3], [9, 12, 15], ["9", "late"], [8.5, 17], [True, 17], 9])
+def test_hours_that_are_none_are_refused(load, hours):
+    refused(load, "\n  hours", "clock hours that get a map", hours=hours)
+
+
+def test_numbers_may_be_quoted(load):
+    dataset = load(hours=["9", "17"], horizon_s="1e1", time_step_s="0.5")
+    assert (dataset.hours, dataset.horizon_s, dataset.time_step_s) == ((9, 17), 10.0, 0.5)
+
+
+@pytest.mark.parametrize("figure_hours", [[24], [-1], [8, 9, 10, 11, 12], 9])
+def test_hours_without_a_map_are_not_drawn(load, figure_hours):
+    refused(load, "\n  figure_hours", figure_hours=figure_hours)
+
+
+@pytest.mark.parametrize(("horizon", "step"), [(10.5, 1.0), (1, 0.3), (0.5, 1.0)])
+def test_the_horizon_is_a_number_of_steps(load, horizon, step):
+    refused(load, "multiple of time_step_s", horizon_s=horizon, time_step_s=step)
+
+
+def test_a_horizon_of_binary_fractions_is_fine(load):
+    assert load(horizon_s=4.8, time_step_s=0.4).horizon_s == 4.8
+
+
+@pytest.mark.parametrize(
+    ("changes", "part"),
+    [
+        ({"reader": "edinburgh", "scale": 0.02}, "needs the key 'frame_rate'"),
+        ({"reader": "edinburgh", "frame_rate": 9.0}, "needs the key 'scale'"),
+        ({"reader": "edinburgh_rows", "frame_rate": 9.0, "scale": 0.02}, "needs the key 'row_stride'"),
+        ({"columns": None}, "needs the key 'columns'"),
+        ({"units": {"length": "px"}}, "need the key 'scale'"),
+        ({"units": {"time": "frame"}}, "need the key 'frame_rate'"),
+        ({"velocity": "as_recorded"}, "use velocity: differences"),
+        ({"columns": {**MINE["columns"], "speed": 4}}, "both speed and heading"),
+        ({"columns": {**MINE["columns"], "heading": 4}}, "both speed and heading"),
+    ],
+)
+def test_what_a_reader_needs_is_named(load, changes, part):
+    refused(load, part, **changes)
+
+
+def test_the_old_name_of_recorded_velocities_is_explained(load):
+    refused(load, "velocity: 'columns' is now called 'as_recorded'", velocity="columns")
+
+
+@pytest.mark.parametrize("source", [{"url": "ftp://x/a.csv"}, {"url": "https://x/a.csv", "sha256": "abc"}])
+def test_what_cannot_be_fetched_is_refused(load, source):
+    refused(load, "sources: ", list(source.values())[-1], sources=[{"file": "a.csv", **source}])
+
+
+@pytest.mark.parametrize("polygons", [[], [[[0, 0], [1, 1]]], [[[0, 0], [1, 1], [2]]], [[0, 0], [1, 1], [2, 0]]])
+def test_an_area_is_made_of_corners(load, polygons):
+    refused(load, "area door: polygons must be", areas=[{"title": "door", "colour": "red", "polygons": polygons}])
+
+
+@pytest.mark.parametrize(
+    ("weights", "told"),
+    [
+        ([], "difference_weights [] are not"),
+        ([0, 0], "difference_weights [0.0, 0.0] are not"),
+        ([0.5, -0.1], "difference_weights.1: -0.1 is not at least 0"),
+    ],
+)
+def test_difference_weights_are_positive(load, weights, told):
+    refused(load, told, difference_weights=weights)
+
+
+def test_a_velocity_takes_two_rows(load):
+    refused(load, "observed_rows 1 is under 2", observed_rows=1)
+
+
+@pytest.mark.parametrize("label", ["two words", "a/b", "ü"])
+def test_a_label_can_be_part_of_a_file_name(load, label):
+    refused(load, "letters, digits, _ and - only", label=label)
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_both_splits_are_needed(load, split):
+    other = [{**recording, "split": split} for recording in MINE["recordings"]]
+    missing = {"train": "test", "test": "train"}[split]
+    refused(load, f"no recording has `split: {missing}`", recordings=other)
+
+
+def test_two_recordings_of_one_name_are_refused(load, tmp_path):
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "a.csv").write_text(ROWS)
+    more = [*MINE["recordings"], {"files": "other/a.csv", "day": "2020-03-04", "split": "test"}]
+    refused(load, "two recordings are named a;", "different names", recordings=more)
+
+
+@pytest.mark.parametrize("text", ["", "just text", "- a\n- b\n", "42"])
+def test_a_file_that_is_no_mapping_is_refused(load, text):
+    refused(load, "mapping", text=text)
+
+
+@pytest.mark.parametrize("text", ["a: [1, 2", "a: b: c", "\ttitle: x", "a: 1\n\x00"])
+def test_a_file_that_is_no_yaml_is_refused(load, text):
+    refused(load, "not valid YAML", text=text)
+
+
+def test_a_file_in_another_encoding_is_refused(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_bytes("title: Café\n".encode("latin-1"))
+    with pytest.raises(DataError, match=r"mine\.yaml"):
+        load_dataset(path, tmp_path)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"nothing\.yaml: cannot be read"):
+        load_dataset(tmp_path / "nothing.yaml", tmp_path)
+
+
+# --- as plain data and as a JSON schema ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_dataset_comes_back_from_its_plain_form(load_shipped, tmp_path, name):
+    """So it reaches the jobs of the workflow, through JSON."""
+    dataset = load_shipped(name, tmp_path)
+    assert build(Dataset, json.loads(json.dumps(as_plain(dataset)))) == dataset
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_json_schema_takes_what_is_shipped(config_folder, name):
+    schema = json_schema(DatasetFile, REQUIRED)
+    listed = read_yaml(config_folder / f"datasets/{name}.yaml")
+    jsonschema.Draft202012Validator(schema).validate(listed)
+    for wrong in ({**listed, "zzz": 1}, {k: v for k, v in listed.items() if k != "terms"}, {**listed, "hours": 9}):
+        assert list(jsonschema.Draft202012Validator(schema).iter_errors(wrong))
+
+
+# --- where recordings lie -----------------------------------------------------------------------------------
+
+
+def days(folder, names):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        (folder / name).write_text(ROWS)
+
+
+def glob_entries(pattern, split="train"):
+    return [{"files": pattern, "day": "2020-03-02", "split": split}, {**MINE["recordings"][1], "files": "b.csv"}]
+
+
+def test_a_glob_stands_for_its_files_in_order(load, tmp_path):
+    days(tmp_path / "days", ["0107.csv", "0106.csv", "0111.csv", "readme.txt"])
+    dataset = load(recordings=glob_entries("days/01*.csv"))
+    found = [r for r in dataset.recordings if r.split == "train"]
+    assert [recording.name for recording in found] == ["0106", "0107", "0111"]
+    assert all(recording.exists and recording.day == "2020-03-02" for recording in found)
+    assert found[0].file == "days/0106.csv"
+
+
+def test_a_glob_without_a_file_is_refused(load):
+    refused(load, "no file matches", "nothing/*.csv", "data_root", recordings=glob_entries("nothing/*.csv"))
+
+
+def test_a_glob_works_below_a_folder_with_brackets(load, tmp_path):
+    root = tmp_path / "data [2020]"
+    days(root, ["a.csv", "b.csv"])
+    assert [r.name for r in load(root=root, recordings=glob_entries("[a].csv")).recordings] == ["a", "b"]
+
+
+def test_a_glob_that_meets_a_file_twice_is_refused(load, tmp_path):
+    days(tmp_path / "days", ["0106.csv"])
+    (tmp_path / "days" / "0106.csv.gz").write_bytes(gzip.compress(ROWS.encode()))
+    refused(load, "two recordings are named 0106", recordings=glob_entries("days/*"))
+
+
+def test_a_missing_file_keeps_its_expected_place(load, tmp_path):
+    (tmp_path / "a.csv").unlink()
+    recording = load().recordings[0]
+    assert not recording.exists
+    assert recording.path == str(tmp_path / "a.csv")
+    assert recording.name == "a"
+
+
+def zipped(path, members):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in members.items():
+            archive.writestr(name, text)
+
+
+@pytest.mark.parametrize("suffix", [".gz", ".bz2", ".zip"])
+@pytest.mark.parametrize("named", [False, True], ids=["found", "named"])
+def test_a_compressed_recording_is_found_and_read(load, tmp_path, suffix, named):
+    (tmp_path / "a.csv").unlink()
+    path = tmp_path / f"a.csv{suffix}"
+    if suffix == ".zip":
+        zipped(path, {"inside/a.csv": ROWS})
+    else:
+        path.write_bytes({".gz": gzip, ".bz2": bz2}[suffix].compress(ROWS.encode()))
+    entry = {**MINE["recordings"][0], "files": path.name if named else "a.csv"}
+    recording = load(recordings=[entry, MINE["recordings"][1]]).recordings[0]
+    assert (recording.exists, recording.name, recording.path) == (True, "a", str(path))
+    with open_raw(recording.path) as file:
+        assert file.read() == ROWS.encode()
+
+
+def test_a_member_of_a_zip_is_found_and_read(load, tmp_path):
+    zipped(tmp_path / "all.zip", {"day1.csv": "other", "sub/day2.csv": ROWS})
+    entry = {**MINE["recordings"][0], "files": "all.zip/sub/day2.csv"}
+    recording = load(recordings=[entry, MINE["recordings"][1]]).recordings[0]
+    assert (recording.exists, recording.name) == (True, "day2")
+    with open_raw(recording.path) as file:
+        assert file.read() == ROWS.encode()
+
+
+def test_the_plain_file_wins_over_a_compressed_one(tmp_path):
+    (tmp_path / "a.csv").write_text(ROWS)
+    (tmp_path / "a.csv.gz").write_bytes(gzip.compress(b"other"))
+    assert find_recording(tmp_path / "a.csv") == tmp_path / "a.csv"
+    assert find_recording(tmp_path / "nothing.csv") is None
+
+
+def test_stems_keep_dots_that_are_no_suffix(load, tmp_path):
+    days(tmp_path, ["tracks.01Jul.txt"])
+    entry = {**MINE["recordings"][0], "files": "tracks.01Jul.txt"}
+    assert load(recordings=[entry, MINE["recordings"][1]]).recordings[0].name == "tracks.01Jul"

@@ -1,0 +1,49 @@
+"""The README's lines run as they stand, and what it leads to is there."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modlhmp.contract import crowd
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "config/README.md",
+         ROOT / "paper_figures/README.md", ROOT / "notebooks/README.md"]  # fmt: skip
+
+
+@pytest.fixture
+def monday(tmp_path, monkeypatch):
+    """A folder with the README's recording: people in a corridor, times in ms from 0."""
+    people = crowd(people=40)
+    lines = [f"{p},{1000 * (t - 1.3e9):.0f},{x:.3f},{y:.3f}" for p, t, x, y, *_ in zip(*people, strict=True)]
+    (tmp_path / "monday.csv").write_text("\n".join(["person,time,x,y", *lines]))
+    monkeypatch.chdir(tmp_path)
+    return people
+
+
+def test_the_lines_of_the_library_run(monday, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert 8 <= len([line for line in code.splitlines() if line.strip()]) <= 14
+    names = {}
+    exec(code, names)
+    tracks, futures = names["tracks"], names["futures"]
+    assert len(np.unique(tracks.track_id)) == 40
+    assert futures.best.shape == (len(futures.track_id), 10, 2)
+    assert futures.density(at_s=5, cell_m=0.5).probabilities.sum() == pytest.approx(1)
+    assert "'n': " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_and_files_exist(page):
+    """Relative links, and every path of the repository that stands in backticks."""
+    text = page.read_text(encoding="utf-8")
+    for link in re.findall(r"\]\(([^)#]+?)(?:#[^)]*)?\)", text):
+        assert link.startswith("http") or (page.parent / link).exists(), link
+    for path in re.findall(r"`((?:src|tests|workflow|config|docs|benchmarks)/[\w./-]+\.\w+)(?::\d+)?`", text):
+        assert (ROOT / path).exists(), path
+    for module in re.findall(r"`(modlhmp(?:\.[a-z_]+)+)(?:\.[A-Z_]\w*|\(\))?`", text):
+        parts = module.split(".")
+        homes = [ROOT.joinpath("src", *parts[:end]) for end in range(len(parts), 0, -1)]
+        assert any(home.with_suffix(".py").exists() or (home / "__init__.py").exists() for home in homes[:2]), module

@@ -1,0 +1,546 @@
+"""The configuration of a run: what is shipped is valid, what is mistyped is named with its remedy."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from modlhmp.options import ConstantVelocity, Episodes, Learning, NeuralMap, RollOut, Snippets, Tutr
+from modlhmp.settings import as_plain, build
+from modlhmp.storage import DataError
+from modlhmp.study.settings import RunSettings, load_datasets, load_run
+
+DATASETS = Path(__file__).parents[2] / "config/datasets"
+FEW = settings(max_examples=30, deadline=None, derandomize=True)
+
+
+def load(config):
+    return load_run(config, DATASETS)
+
+
+def refused(config):
+    """The message for a configuration that is wrong."""
+    with pytest.raises(DataError) as error:
+        load(config)
+    return str(error.value)
+
+
+# --- what is shipped ----------------------------------------------------------------------------------------
+
+
+def merged(base, overlay):
+    """An overlay as the workflow applies it: mappings are merged, all else replaced."""
+    both = dict(base)
+    for key, value in overlay.items():
+        both[key] = merged(base[key], value) if isinstance(value, dict) and key in base else value
+    return both
+
+
+def of_files(*files):
+    """The configuration of several files, the later ones over the earlier ones."""
+    both = {}
+    for file in files:
+        both = merged(both, yaml.safe_load(file.read_text()))
+    return both
+
+
+@pytest.fixture(scope="session")
+def shipped(config_folder):
+    """Every shipped configuration as it is run, by the file's name: those of lab/ over the real recordings'."""
+    base = [config_folder / "budgets.yaml", config_folder / "config.yaml"]
+    found = {"config.yaml": of_files(*base)}
+    for file in sorted({*config_folder.glob("*.yaml"), *config_folder.glob("lab/*.yaml")} - set(base)):
+        real = [config_folder / "real.yaml"] if file.parent.name == "lab" else []
+        found[file.name] = of_files(*base, *real, file)
+    return found
+
+
+@pytest.fixture
+def config(shipped):
+    return json.loads(json.dumps(shipped["config.yaml"]))
+
+
+def test_every_shipped_configuration_is_valid(shipped):
+    assert {"config.yaml", "paper.yaml", "real.yaml", "tiny.yaml", "ladder.yaml", "validation.yaml"} <= shipped.keys()
+    runs = [load(config).run for config in shipped.values()]
+    assert len(set(runs)) == len(runs), "two configurations would write to the same folder"
+
+
+def test_the_datasets_of_every_shipped_configuration_fit_it(shipped):
+    """Labels, `tuned` options and the demo's name; no recording is needed for that."""
+    for config in shipped.values():
+        run = load(config)
+        assert list(load_datasets(run, DATASETS, "nowhere", "demo")) == list(run.datasets)
+
+
+def test_the_run_as_plain_values_is_a_configuration_of_itself(shipped):
+    """What jobs and the report are given, and what a job makes of it again."""
+    for config in shipped.values():
+        run = load(config)
+        plain = json.loads(json.dumps(as_plain(run)))
+        assert load(plain) == run
+        assert build(RunSettings, plain) == run
+
+
+# --- configuration ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("path", "wrong", "right"),
+    [
+        ((), "compair", "compare"),
+        ((), "data_rot", "data_root"),
+        (("rollout",), "bata", "beta"),
+        (("maps", "cliff"), "radius", "radius_m"),
+        (("methods", "hybrid"), "knd", "kind"),
+        (("learned",), "futurs", "futures"),
+        (("budgets", "demo", "tutr"), "epoch", "epochs"),
+    ],
+)
+def test_a_mistyped_key_gets_a_hint(config, path, wrong, right):
+    place = config
+    for key in path:
+        place = place.setdefault(key, {})
+    place[wrong] = place.pop(right, 1)
+    message = refused(config)
+    assert message.startswith("configuration")
+    assert f"unknown key '{wrong}', did you mean '{right}'" in message
+    assert f"\n  {'.'.join(path) or 'top level'}: unknown key" in message
+
+
+def test_a_key_like_no_other_gets_the_list(config):
+    config["demo"] = {"zzz": 1}
+    assert "demo: unknown key 'zzz' (known: seed, scale)" in refused(config)
+
+
+WRONG_VALUES = [
+    ("rollout", "k", 0),
+    ("rollout", "k", 2.5),
+    ("rollout", "beta", -1),
+    ("rollout", "speed", "kernal"),
+    ("demo", "scale", 0),
+    ("demo", "seed", "one"),
+    ("maps", "cliff", None),
+    ("learned", "device", "gpu"),
+    ("learned", "threads", 0),
+    ("episodes", "pace", 2),
+    ("episodes", "reach_m", 0),
+    ("episodes", "k", 0),
+    ("snippets", "bandwidth_m", 0),
+    ("snippets", "length_s", 0),
+    ("snippets", "most", 0),
+    ("snippets", "exits", "no way"),
+    ("snippets", "heading_m", -1),
+    ("rollout", "output", "median"),
+    ("rollout", "velocity", "speeds"),
+    ("rollout", "exits", 1),
+]
+
+
+@pytest.mark.parametrize(("section", "key", "value"), WRONG_VALUES)
+def test_a_wrong_value_is_named_with_its_key(config, section, key, value):
+    config.setdefault(section, {})[key] = value
+    message = refused(config)
+    assert message.startswith("configuration:\n")
+    assert f"{section}.{key}: {value!r} is " in message
+
+
+def test_a_budget_that_there_is_not_gets_a_hint(config):
+    config["learned"] = {"budget": "economic"}
+    assert "learned.budget: no budget named 'economic'; did you mean 'economical'" in refused(config)
+    config["learned"] = {}
+    config["methods"]["mine"] = {"kind": "tutr", "options": {"budget": "fulll"}}
+    assert "methods.mine.options.budget: no budget named 'fulll'; did you mean 'full'" in refused(config)
+
+
+@pytest.mark.parametrize(("kind", "wrong"), [("lstm", "beta"), ("tc_cliff", "epochs")])
+def test_an_option_of_another_kind_of_method_is_refused(config, kind, wrong):
+    """A network has no beta, a map no epochs."""
+    config["methods"]["mine"] = {"kind": kind, "title": "Mine", "options": {wrong: 1}}
+    assert f"methods.mine.options: unknown key '{wrong}'" in refused(config)
+
+
+def test_a_network_s_settings_are_its_budget_s_and_its_own(config):
+    """Its own options win; it may name another budget and other futures; threads are the rule's."""
+    options = {"budget": "economical", "futures": "full", "epochs": 7, "rotate": False}
+    config["methods"]["mine"] = {"kind": "tutr", "title": "Mine", "options": options}
+    run = load(config)
+    mine = run.method("mine")
+    assert mine.options == Tutr(**{**config["budgets"]["economical"]["tutr"], "epochs": 7, "rotate": False})
+    assert mine.learning == Learning(budget="economical", futures="full", device="auto", seed=0)
+    assert run.method("tutr").options == Tutr(**config["budgets"]["demo"]["tutr"])
+    assert (run.method("cvm").kind, run.method("cvm").options) == ("cvm", ConstantVelocity(velocity="dataset"))
+    assert run.method("stef").options == RollOut()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("snipets", "no method named 'snipets'; did you mean 'snippets'"),
+        ("cvm", "cvm has no samples to score"),
+        ("mid", "mid has no samples to score"),
+        ("both", "both has no samples to score; methods that have some are of the kinds cliff, tc_cliff"),
+    ],
+)
+def test_only_methods_with_samples_are_measured(config, name, message):
+    """Maps have them; constant velocity, networks and averages have not."""
+    config["methods"]["both"] = {"kind": "average", "title": "Both", "options": {"of": ["cvm", "episodes"]}}
+    config["uncertainty"] = {"methods": ["stef", name]}
+    assert f"uncertainty.methods: {message}" in refused(config)
+
+
+def test_all_problems_are_told_at_once(config):
+    config["rollout"] = {"k": 0}
+    config["sedes"] = config.pop("seeds")
+    del config["datasets"]
+    message = refused(config)
+    for part in ("rollout.k", "did you mean 'seeds'", "the key 'datasets' is required"):
+        assert part in message
+
+
+def test_problems_under_numbers_and_names_are_told_side_by_side(config):
+    """YAML reads a method called 1 as a number."""
+    config["methods"] = {1: {"kind": "none"}, "a": {"kind": "none"}}
+    assert "methods.1: YAML takes 1 for a number; quote it" in refused(config)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("compare", ["tc_cliff", "clif"], "no method named 'clif'; did you mean 'cliff'"),
+        ("comparisons", [["tc_cliff", "stf"]], "no method named 'stf'; did you mean 'stef'"),
+        ("compare", ["zzz"], "no method named 'zzz'; known: cliff, tc_cliff, stef, episodes"),
+        ("datasets", ["demo_hal"], "no dataset named 'demo_hal'; did you mean 'demo_hall'"),
+        ("datasets", ["zzz"], "no dataset named 'zzz'; known: "),
+        ("datasets", ["demo_hall", "demo_hall"], "has non-unique elements"),
+        ("seeds", [0, 0], "[0, 0] has non-unique elements"),
+    ],
+)
+def test_an_unknown_name_gets_a_hint(config, key, value, message):
+    config[key] = value
+    assert f"configuration, {key}: " in refused(config)
+    assert message in refused(config)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seeds": []}, "seeds: [] is too short, at least 1 needed"),
+        ({"compare": []}, "compare: [] is too short, at least 1 needed"),
+        ({"run": 202401}, "run: YAML takes 202401 for a number; quote it"),
+        ({"run": "a/b"}, "run: 'a/b': a name of letters, digits, _ and - only"),
+        ({"methods": {"a b": {"kind": "cvm"}}}, "methods: 'a b': a name of letters, digits, _ and - only"),
+        ({"methods": {"cliff": {"kind": "clif"}}}, "methods.cliff.kind: no kind named 'clif'; did you mean 'cliff'"),
+        ({"methods": {"mine": {"title": "Mine"}}}, "methods.mine: say of which `kind` it is: cliff, tc_cliff"),
+        ({"methods": {"mine": {"kind": "exits"}}}, "methods.mine.kind: no kind named 'exits'"),
+        ({"rollout": {"speed": "fast"}}, "rollout.speed: 'fast' is not one of 'constant' or 'kernel'"),
+        ({"comparisons": [["cliff", "lstn"]]}, "comparisons: no method named 'lstn'; did you mean 'lstm'"),
+        ({"comparisons": [["cliff"]]}, "comparisons.0: ['cliff'] is too short, at least 2 needed"),
+        ({"studies": {"method": "cvm"}}, "studies.method: cvm has no map to sample"),
+        ({"maps": {"clif": {}}}, "maps: no map named 'clif'; did you mean 'cliff'"),
+        ({"budgets": {"demo": {"lstn": {}}}}, "budgets.demo: no network named 'lstn'; did you mean 'lstm'"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_remedy(config, changes, message):
+    assert message in refused({**config, **changes})
+
+
+# --- names of old -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rollout": {"velocity": "columns"}}, "rollout.velocity: 'columns' is now called 'dataset'"),
+        ({"snippets": {"kernel_m": 1.2}}, "snippets: unknown key 'kernel_m': it is now called 'bandwidth_m'"),
+        ({"methods": {"mine": {"kind": "cvm", "options": {"velocity": "columns"}}}},
+         "velocity: 'columns' is now called 'dataset'"),
+        ({"methods": {"mine": {"kind": "neural_map", "options": {"validation": "blocks"}}}},
+         "unknown key 'validation': it is now called 'held_out'"),
+        ({"rollout": {"output": "geometric-median"}}, "rollout.output: 'geometric-median' is not one of"),
+    ],
+)  # fmt: skip
+def test_an_old_configuration_is_told_the_new_names(config, changes, message):
+    assert message in refused({**config, **changes})
+
+
+# --- numbers ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["1e-3", "1E-3", "0.001"])
+def test_numbers_in_any_notation(config, text):
+    """Of YAML's 1e-3 the standard makes a text."""
+    config["budgets"]["demo"]["lstm"] |= yaml.safe_load(f"learning_rate: {text}")
+    config["methods"]["mine"] = {"kind": "neural_map", "options": yaml.safe_load(f"learning_rate: {text}")}
+    config["rollout"] = yaml.safe_load(f"beta: {text}")
+    run = load(config)
+    assert run.method("lstm").options.learning_rate == 0.001
+    assert run.method("mine").options.learning_rate == 0.001
+    assert run.method("cliff").options.beta == 0.001
+
+
+# --- maps with memory, averages, tuned options --------------------------------------------------------------
+
+
+def averaging(config, *names, compare=True):
+    """The configuration with a method `mean` of these; all are compared."""
+    config["methods"]["mean"] = {"kind": "average", "title": "Mean", "options": {"of": list(names)}}
+    config["compare"] = ["mean", *(dict.fromkeys(names) if compare else ())]
+    config["ladder"] = {"rows": []}
+    return config
+
+
+@pytest.mark.parametrize("names", [("episodes", "snippets"), ("cvm", "episodes"), ("lstm", "tutr", "snippets")])
+def test_methods_of_one_path_can_be_averaged(config, names):
+    run = load(averaging(config, *names))
+    assert run.members("mean") == names
+    mean = run.method("mean")
+    assert (mean.kind, mean.options.of, mean.futures) == ("average", names, 1)
+
+
+def test_other_methods_average_nothing(config):
+    run = load(config)
+    others = [name for name in run.entries if run.kind(name).name != "average"]
+    assert len(others) > 10
+    assert {run.members(name) for name in others} == {()}
+
+
+@pytest.mark.parametrize("name", ["cliff", "tc_cliff", "stef", "mid"])
+def test_futures_of_equal_standing_have_no_path_to_average(config, name):
+    message = refused(averaging(config, "episodes", name))
+    said = f"methods.mean.options.of: {name} has no single path to be averaged; kinds that have one are average"
+    assert said in message
+
+
+def test_what_is_averaged_is_run_as_well(config):
+    run = load(averaging(config, "episodes", "snippets", compare=False))
+    assert set(run.methods_run) == {"mean", "episodes", "snippets"}
+    assert run.compare == ("mean",)
+
+
+def minimal(methods, compare, rows=(), reference="cvm", beside=()):
+    """The settings of a run of nothing but these names; `methods` {name: those that it averages}."""
+    entries = {
+        name: {"kind": "average", "options": {"of": of}} if of else {"kind": "cvm"} for name, of in methods.items()
+    }
+    ladder = {"reference": reference, "rows": [[row, "a change"] for row in rows], "beside": list(beside)}
+    return build(RunSettings, {"run": "a", "datasets": [], "methods": entries, "compare": compare, "ladder": ladder})
+
+
+def test_what_runs_is_closed_under_averaging():
+    """Averages of averages of averages bring their members, each once, after the names that were asked for."""
+    methods = {"a": [], "b": [], "c": [], "d": [], "ab": ["a", "b"], "abc": ["ab", "c"], "all": ["abc", "ab", "d"]}
+    assert minimal(methods, ["all", "c"]).methods_run == ["all", "c", "abc", "ab", "d", "a", "b"]
+    assert minimal(methods, ["ab"]).methods_run == ["ab", "a", "b"]
+
+
+@FEW
+@given(st.integers(0, 10**6))
+def test_what_runs_is_the_closure_that_a_search_finds(seed):
+    rng = np.random.default_rng(seed)
+    names = [f"m{n}" for n in range(12)]
+    methods = {name: rng.permutation(names[:n])[: rng.integers(0, 4)].tolist() for n, name in enumerate(names)}
+    asked = rng.permutation(names)[:2].tolist()
+    found, waiting = set(), list(asked)
+    while waiting:
+        name = waiting.pop()
+        found.add(name)
+        waiting += methods[name]
+    got = minimal(methods, asked).methods_run
+    assert len(got) == len(set(got))
+    assert set(got) == found
+    assert got[:2] == asked
+
+
+def test_rungs_and_what_they_are_compared_with_are_run_as_well():
+    methods = {name: [] for name in ("a", "b", "reference", "one", "other", "unused")} | {"mean": ["a", "b"]}
+    run = minimal(methods, ["mean"], ["a", "mean"], "reference", [["one", "other", "what differs"]])
+    assert run.methods_run == ["mean", "a", "reference", "one", "other", "b"]
+
+
+def test_a_ladder_whose_goal_is_not_compared_is_left_out():
+    """So that a run without networks trains none."""
+    methods = {name: [] for name in ("a", "reference", "goal")}
+    assert minimal(methods, ["a"], ["a", "goal"], "reference", []).methods_run == ["a"]
+    assert minimal(methods, ["goal"], ["a", "goal"], "reference", []).methods_run == ["goal", "a", "reference"]
+
+
+def test_an_empty_ladder_needs_no_reference():
+    """Nor the pairs beside it: without rungs there is no ladder."""
+    methods = {name: [] for name in ("a", "reference", "one", "other")}
+    assert minimal(methods, ["a"], [], "reference", [["one", "other", "what differs"]]).methods_run == ["a"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"reference": "tc_clif"}, "ladder.reference: no method named 'tc_clif'; did you mean 'tc_cliff'"),
+        ({"rows": [["cvn", "a line"]]}, "ladder.rows: no method named 'cvn'; did you mean 'cvm'"),
+        ({"beside": [["cvm", "stf", "a map"]]}, "ladder.beside: no method named 'stf'; did you mean 'stef'"),
+    ],
+)
+def test_an_unknown_rung_gets_a_hint(config, changes, message):
+    config["ladder"] |= changes
+    assert f"configuration, {message}" in refused(config)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("snipets", "studies.training.methods: no method named 'snipets'; did you mean 'snippets'"),
+        ("tc_cliff", "studies.training: tc_cliff is of none of the kinds cliff, episodes, snippets"),
+        ("neural_map", "studies.training: neural_map is of none of the kinds"),
+        ("hybrid", "studies.training: hybrid is of none of the kinds"),
+    ],
+)
+def test_only_maps_that_are_rebuilt_at_once_are_built_from_less(config, name, message):
+    config["studies"] = {"training": {"methods": ["episodes", name]}}
+    assert f"configuration, {message}" in refused(config)
+
+
+@pytest.mark.parametrize("shares", [[0], [1.5], [0.1, 0.1], ["all"]])
+def test_a_share_is_part_of_the_whole(config, shares):
+    config["studies"] = {"training": {"shares": shares}}
+    assert "studies.training.shares" in refused(config)
+
+
+def test_averages_of_averages_are_made_of_what_forecasts(config):
+    config["methods"]["inner"] = {"kind": "average", "title": "Inner", "options": {"of": ["lstm", "episodes"]}}
+    run = load(averaging(config, "episodes", "inner"))
+    assert run.averaged_parts("mean") == ["episodes", "lstm"]
+    assert run.averaged_parts("lstm") == ["lstm"]
+    assert set(run.methods_run) == {"mean", "inner", "episodes", "lstm"}
+
+
+def test_an_average_of_itself_is_refused(config):
+    config["methods"]["inner"] = {"kind": "average", "title": "Inner", "options": {"of": ["lstm", "mean"]}}
+    message = refused(averaging(config, "episodes", "inner"))
+    assert "of: mean of inner of mean averages itself" in message or "of: inner of mean of inner averages" in message
+
+
+def test_a_mistyped_member_gets_a_hint(config):
+    config = averaging(config, "episodes", "snipets")
+    config["compare"] = ["mean", "snippets"]
+    assert "methods.mean.options.of: no method named 'snipets'; did you mean 'snippets'" in refused(config)
+
+
+@pytest.mark.parametrize(
+    "options", [None, {}, {"of": []}, {"of": ["episodes"]}, {"of": "episodes"}, {"off": ["a", "b"]}]
+)
+def test_an_average_needs_two_members(config, options):
+    method = {"kind": "average", "title": "Mean", "options": options}
+    config["methods"]["mean"] = {key: value for key, value in method.items() if value is not None}
+    assert "methods.mean.options" in refused(config)
+
+
+@pytest.mark.parametrize(("kind", "of"), [("episodes", Episodes), ("snippets", Snippets)])
+def test_options_of_a_map_with_memory_are_its_sections_and_its_own(config, kind, of):
+    config[kind] = {"heading_m": 7.0, "pace": 0.25}
+    config["methods"]["mine"] = {"kind": kind, "title": "Mine", "options": {"k": 3, "pace": 0.5}}
+    run = load(config)
+    assert run.method(kind).options == of(heading_m=7.0, pace=0.25)
+    assert run.method("mine").options == of(heading_m=7.0, k=3, pace=0.5)
+
+
+@pytest.mark.parametrize(("kind", "wrong"), [("episodes", "bandwidth_m"), ("snippets", "reach_m"), ("cvm", "k")])
+def test_options_of_one_map_with_memory_are_not_the_others(config, kind, wrong):
+    config["methods"]["mine"] = {"kind": kind, "title": "Mine", "options": {wrong: 1}}
+    assert f"methods.mine.options: unknown key '{wrong}'" in refused(config)
+
+
+@pytest.mark.parametrize("name", ["episodes", "snippets", "cliff", "cvm", "tutr"])
+def test_tuned_options_win(config, name):
+    """Over a method's own, and these over the section's or budget's; the rest stays."""
+    own, first, second = {
+        "cvm": ("velocity", "dataset", "differences"), "tutr": ("epochs", 1, 2)
+    }.get(name, ("k", 1, 2))  # fmt: skip
+    config["methods"][name] = {"options": {own: first}}
+    run = load(config)
+    plain = run.method(name).plain()
+    assert plain["options"][own] == first
+    tuned = run.method(name, {name: {own: second}}).plain()
+    assert tuned == {**plain, "options": {**plain["options"], own: second}}
+    assert run.method(name).plain() == plain, "of other datasets they stay as they were"
+
+
+def test_options_tuned_for_a_kind_hold_where_a_method_says_nothing(config):
+    config["methods"]["mine"] = {"kind": "snippets", "title": "Mine", "options": {"length_s": 1}}
+    config["methods"]["other"] = {"kind": "snippets", "title": "Other", "options": {"most": 10}}
+    run = load(config)
+    found = {name: run.method(name, {"snippets": {"length_s": 3}}).options for name in ("mine", "other", "episodes")}
+    assert (found["mine"].length_s, found["other"].length_s, found["other"].most) == (1, 3, 10)
+    assert found["episodes"] == Episodes()
+
+
+def test_what_is_tuned_for_a_network_may_be_its_learning(config):
+    found = load(config).method("neural_map", {"neural_map": {"seed": 3, "epochs": 2}})
+    assert (found.learning.seed, found.options.epochs) == (3, 2)
+    assert found.options == NeuralMap(**{**config["budgets"]["demo"]["neural_map"], "epochs": 2})
+
+
+# --- datasets of a run --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def tuned(tmp_path, config_folder, config):
+    """Function (options): the datasets of a run of one dataset, whose file has these `tuned`."""
+
+    def of(options):
+        text = (config_folder / "datasets/demo_hall.yaml").read_text()
+        (tmp_path / "mine.yaml").write_text(f"{text}tuned: {json.dumps(options)}\n")
+        run = load_run({**config, "datasets": ["mine"]}, tmp_path)
+        return load_datasets(run, tmp_path, "nowhere", "demo")
+
+    return of
+
+
+def test_tuned_options_that_a_method_takes_are_accepted(tuned):
+    options = {"snippets": {"bandwidth_m": 0.7, "exits": False}, "cvm": {"velocity": "differences"}}
+    options |= {"lstm": {"epochs": 3, "budget": "full"}}
+    assert tuned(options)["mine"].tuned == options
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        ({"snipets": {"k": 3}}, ["no kind or method named 'snipets'; did you mean 'snippets'"]),
+        ({"snippets": {"bandwidth": 3}}, ["tuned.snippets: no option named 'bandwidth'; did you mean 'bandwidth_m'"]),
+        ({"snippets": {"kernel_m": 3}}, ["tuned.snippets: no option named 'kernel_m'; it is now called 'bandwidth_m'"]),
+        ({"cvm": {"velocity": "columns"}}, ["velocity: 'columns' is now called 'dataset'"]),
+        ({"snippets": {"bandwidth_m": 0}}, ["bandwidth_m: 0 is not above 0"]),
+        ({"average": {"of": ["a", "b"]}}, ["no kind or method named 'average'"]),
+        ({"cliff": {"reach_m": 3}}, ["tuned.cliff", "'reach_m'"]),
+    ],
+)
+def test_tuned_options_that_are_none_are_refused(tuned, options, parts):
+    with pytest.raises(DataError) as error:
+        tuned(options)
+    for part in ("mine.yaml, tuned", *parts):
+        assert part in str(error.value)
+
+
+def test_exhibits_of_two_datasets_do_not_overwrite_each_other(config):
+    run = load({**config, "run": "two", "datasets": ["atc", "atc_1day"]})
+    with pytest.raises(DataError, match="datasets atc, atc_1day: their exhibits carry the same `label`"):
+        load_datasets(run, DATASETS, "nowhere", "demo")
+
+
+def test_the_demo_s_name_is_the_demo_s(config):
+    run = load({**config, "datasets": ["atc_1day"]})
+    with pytest.raises(DataError, match="run: `demo` is for the demo's recordings; give your run another name"):
+        load_datasets(run, DATASETS, "nowhere", "demo")
+
+
+def test_a_run_on_a_validation_part_reads_no_test_recording(config, load_shipped):
+    run = load({**config, "evaluate_on": "validation"})
+    found = load_datasets(run, DATASETS, "nowhere", "nowhere")
+    for name, dataset in found.items():
+        whole = load_shipped(name, "nowhere")
+        kept = {one.file for one in dataset.recordings}
+        assert kept <= {one.file for one in whole.of_split("train")}
+        assert not kept & {one.file for one in whole.of_split("test")}
+        assert dataset.of_split("test")

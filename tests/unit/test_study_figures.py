@@ -1,0 +1,78 @@
+"""Figures of studies: every value or share that was tried is read and drawn once."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from modlhmp.datasets import Dataset
+from modlhmp.scoring.protocols import PROTOCOLS
+from modlhmp.storage import write_parquet
+from modlhmp.study.exhibits import parameter_study, training_share
+from modlhmp.study.layout import Layout
+
+HALL = Dataset(name="hall", title="Hall", label="hall", reader="atc", horizon_s=8)
+YARD = Dataset(name="yard", title="Yard", label="yard", reader="atc", horizon_s=4, demo=True)
+VALUES = {"beta": [10, 0.1, 1], "sampling_radius_m": [0.5, 2]}
+
+
+def write_errors(path, error_m, steps, tracks=5):
+    """An errors file: `error_m` at the first step, one more at each, of every track and two seeds."""
+    errors = np.tile(error_m + np.arange(steps, dtype=np.float32), (2 * len(PROTOCOLS) * tracks, 1))
+    rows = pd.MultiIndex.from_product(
+        [["single"], PROTOCOLS, range(2), range(tracks)], names=["output", "protocol", "seed", "track_id"]
+    ).to_frame(index=False)
+    table = pa.Table.from_pandas(rows.assign(recording="day", eligible_steps=steps), preserve_index=False)
+    for name in ("ade", "fde"):
+        table = table.append_column(name, pa.FixedSizeListArray.from_arrays(pa.array(errors.ravel()), steps))
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    write_parquet(table, path)
+
+
+@pytest.fixture
+def layout(tmp_path):
+    """Studies whose error says what was tried: 100 times the value, or the share."""
+    layout = Layout("studies", str(tmp_path))
+    for parameter, values in VALUES.items():
+        for value in values:
+            write_errors(layout.study_value("hall", parameter, value), 100 * value, 8)
+    for dataset, steps in ((HALL, 8), (YARD, 4)):
+        for method in ("cliff", "episodes"):
+            for share in (0.1, 1):
+                write_errors(layout.training_share(dataset.name, method, share), 100 * share, steps)
+    return layout
+
+
+def test_every_value_has_its_errors(layout, tmp_path):
+    """At the horizons that the dataset has, from the smallest value to the largest."""
+    chosen = {"beta": 1, "sampling_radius_m": 1.0}
+    parameter_study.draw(layout, HALL, str(tmp_path / "p"), "TC-CLiFF", VALUES, chosen, [2, 5, 20])
+    table = pd.read_csv(tmp_path / "p.csv")
+    assert set(table["horizon_s"]) == {2, 5}
+    for parameter, values in VALUES.items():
+        mine = table[(table["parameter"] == parameter) & (table["horizon_s"] == 2) & (table["protocol"] == "paper")]
+        assert mine["value"].tolist() == sorted(values)
+        np.testing.assert_allclose(mine["ade_m"], 100 * mine["value"] + 1)
+    assert (tmp_path / "p.pdf").stat().st_size > 1000
+
+
+def test_a_single_parameter_is_drawn_alone(layout, tmp_path):
+    parameter_study.draw(layout, HALL, str(tmp_path / "p"), "TC-CLiFF", {"beta": [1, 10]}, {"beta": 1}, [5])
+    table = pd.read_csv(tmp_path / "p.csv")
+    assert set(table["parameter"]) == {"beta"}
+    assert set(table["value"]) == {1, 10}
+
+
+def test_every_share_of_every_method_and_dataset_has_its_errors(layout, tmp_path):
+    """Complete protocol only; each dataset at its own horizons."""
+    titles = {"cliff": "CLiFF", "episodes": "Episodes"}
+    training_share.draw(layout, [HALL, YARD], str(tmp_path / "s"), titles, [1, 0.1], [2, 4, 8])
+    table = pd.read_csv(tmp_path / "s.csv")
+    assert set(table["protocol"]) == {"complete"}
+    last = table.groupby(["dataset", "method"])["horizon_s"].max()
+    assert last.to_dict() == {(d, m): s for d, s in (("hall", 8), ("yard", 4)) for m in titles}
+    first = table[table["horizon_s"] == 1]
+    assert len(first) == 8
+    np.testing.assert_allclose(first["ade_m"], 100 * first["share"])

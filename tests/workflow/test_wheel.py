@@ -1,0 +1,62 @@
+"""The library from its wheel, outside the checkout."""
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TEN_LINES = """
+import modlhmp
+from modlhmp.contract import SITE, crowd
+people = crowd(20)
+a_map = modlhmp.build_map("cliff", people, SITE)
+a_map.save("map.parquet")
+futures = modlhmp.forecast(modlhmp.load_map("map.parquet"), people.take(people.t < 1.3e9 + 45), horizon_s=5)
+print(modlhmp.__file__, futures.best.shape[1:], modlhmp.score(futures, people).at(3)["n"] > 0)
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """The wheel, built from the repository."""
+    folder = tmp_path_factory.mktemp("wheel")
+    copy = folder / "source"  # building leaves files beside the sources
+    shutil.copytree(ROOT / "src", copy / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, copy)
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", folder, copy]
+    subprocess.run(command, check=True, capture_output=True)
+    (file,) = folder.glob("*.whl")
+    return file
+
+
+def test_it_holds_the_package_with_its_schemas(wheel):
+    names = zipfile.ZipFile(wheel).namelist()
+    sources = {f"modlhmp/{file.relative_to(ROOT / 'src/modlhmp').as_posix()}" for kind in ("*.py", "*.json", "py.typed")
+               for file in (ROOT / "src/modlhmp").rglob(kind)}  # fmt: skip
+    assert sources <= set(names)
+    assert "modlhmp/schemas/dataset.schema.json" in names
+
+
+def test_it_works_elsewhere_without_the_study_s_libraries(wheel, tmp_path):
+    """With nothing but the wheel and what the library needs; the command is there as well."""
+    zipfile.ZipFile(wheel).extractall(tmp_path / "site")
+    for name in ("matplotlib", "pandas", "snakemake", "torch", "PIL", "jsonschema"):
+        (tmp_path / f"site/{name}.py").write_text("raise ImportError('not installed')")
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
+
+    def run(*arguments):
+        command = [sys.executable, *arguments]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
+        assert not done.returncode, done.stderr
+        return done.stdout.splitlines()
+
+    assert run("-c", TEN_LINES) == [f"{tmp_path}/site/modlhmp/__init__.py (5, 2) True"]
+    assert run("-m", "modlhmp.cli", "--version") == ["modlhmp 0.1.0"]
+    assert any(line.startswith("tc_cliff") for line in run("-m", "modlhmp.cli", "kinds"))
+    assert any("sampling_radius_m = 1.0" in line for line in run("-m", "modlhmp.cli", "kinds", "cliff"))

@@ -1,0 +1,84 @@
+# The exhibits, named after the paper's labels: one rule per record of modlhmp.study.exhibits.
+#
+# INPUTS   paper_figures/{run}/results.csv; results/{run}/{dataset}: what each record needs
+# OUTPUTS  paper_figures/{run}/<name>.{csv,tex,md,html} of tables, .{csv,pdf,png} of figures
+# STEPS    table_{name}, figure_{name}; tables, figures, studies and runtime collect them
+
+for exhibit in EXHIBITS:
+    stem, names = LAYOUT.exhibit(exhibit.name), ["{label}"] * exhibit.per_dataset
+
+    rule:
+        name:
+            exhibit.rule
+        input:
+            lambda wildcards, exhibit=exhibit: exhibit.needs(
+                PLAN, shown_in(exhibit, wildcards)
+            ),
+        output:
+            **{suffix: f"{stem}.{suffix}" for suffix in exhibit.suffixes[:-1]},
+            **{
+                exhibit.suffixes[-1]: report(
+                    f"{stem}.{exhibit.suffixes[-1]}",
+                    caption="../report/exhibit.rst",
+                    category=exhibit.category,
+                    labels={
+                        "exhibit": exhibit.title,
+                        "dataset": "{label}" if exhibit.per_dataset else "all",
+                    },
+                )
+            },
+        log:
+            LAYOUT.log(exhibit.rule, *names),
+        wildcard_constraints:
+            label="|".join(one.label for one in DATASETS.values()),
+        resources:
+            mem_mb=exhibit.memory_mb,
+            runtime=exhibit.minutes,
+        params:
+            module=exhibit.module,
+            function=exhibit.function,
+            run=RUN.run,
+            per_dataset=exhibit.per_dataset,
+            datasets=lambda wildcards, exhibit=exhibit: [
+                PLAN.settings_of(one.name) for one in shown_in(exhibit, wildcards)
+            ],
+            asks=lambda wildcards, exhibit=exhibit: exhibit.asks(
+                PLAN, shown_in(exhibit, wildcards)
+            ),
+            caption=exhibit.caption_in(PLAN),
+            code=code_of("draw_exhibit", exhibit.module),
+        message:
+            f"{exhibit.form.capitalize()} {stem}".replace(
+                "{label}", "{wildcards.label}"
+            )
+        script:
+            "../scripts/draw_exhibit.py"
+
+
+TABLE_FILES = [LAYOUT.scores, *files_of(lambda one: one.category == "Tables")]
+STUDY_FILES = files_of(lambda one: one.category == "Studies")
+FIGURE_FILES = files_of(lambda one: one.category not in {"Tables", "Studies"})
+
+
+rule tables:
+    """Every table of the run."""
+    input:
+        TABLE_FILES,
+
+
+rule figures:
+    """Every figure of the run except those of the studies."""
+    input:
+        FIGURE_FILES,
+
+
+rule studies:
+    """Every study of the run: trainings, the ladder, one parameter varied, less training data, the runtime if measured."""
+    input:
+        STUDY_FILES,
+
+
+rule runtime:
+    """The runtime study; nothing else should run on the machine meanwhile."""
+    input:
+        f"{LAYOUT.exhibit('runtime')}.png",

@@ -1,0 +1,15 @@
+"""Rules table_* and figure_*: one for each record of `modlhmp.study.exhibits`."""
+
+from importlib import import_module
+
+from modlhmp.datasets import Dataset
+from modlhmp.logs import job_log
+from modlhmp.settings import build
+from modlhmp.study.layout import Layout
+
+with job_log(snakemake.log[0]):
+    params = snakemake.params
+    datasets = [build(Dataset, plain) for plain in params.datasets]
+    shown = datasets[0] if params.per_dataset else datasets
+    draw = getattr(import_module(params.module), params.function)
+    draw(Layout(params.run), shown, snakemake.output.csv.removesuffix(".csv"), **params.asks)
