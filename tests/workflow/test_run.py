@@ -241,7 +241,7 @@ def test_report_holds_the_exhibits(tiny_run):
     sorted_in = {path: name for name, group in categories.items() for paths in group.values() for path in paths}
     assert sorted_in.keys() == set(shown)
     assert set(sorted_in.values()) == {"Tables", "Figures", "Maps", "Forecasts", "Studies"}
-    for text in ("Two protocols stand", "were made up by the project", "which claims hold"):
+    for text in ("Two protocols stand", "were made up by the project", "Which claims hold"):
         assert text in report
     assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=.https?:", report)
 
