@@ -251,7 +251,10 @@ def _observed(history: Tracks | np.ndarray, site: Site) -> Observed:
     counts = np.diff(bounds)
     if counts.min() < seen:
         track = tracks.track_id[bounds[counts.argmin()]]
-        raise DataError(f"history: walker {track} has {counts.min()} rows; observed_rows of the site is {seen}")
+        raise DataError(
+            f"history: walker {track} has {counts.min()} rows; observed_rows of the site is {seen}; "
+            f"leave such walkers out, as Tracks.seen_by(t, rows={seen}) does"
+        )
     rows = bounds[1:, None] - np.arange(seen, 0, -1)
     if np.diff(tracks.t[rows], axis=1).max() > MAX_GAP_S:
         raise DataError(f"history: a gap of more than {MAX_GAP_S:g} s in the last {seen} rows of a walker")

@@ -39,6 +39,14 @@ class Tracks(NamedTuple):
         changes = np.flatnonzero(self.track_id[1:] != self.track_id[:-1]) + 1
         return np.concatenate([[0], changes, [len(self.t)]]) if len(self.t) else np.zeros(1, np.int64)
 
+    def seen_by(self, t: float, rows: int = 1) -> "Tracks":
+        """The rows up to `t` (s) of the tracks that are there at `t` and have `rows` rows or more by then."""
+        bounds = self.bounds()
+        first, end = bounds[:-1], bounds[1:]
+        seen = np.add.reduceat(self.t <= t, first) if len(first) else first
+        there = (seen >= max(rows, 1)) & (self.t[end - 1] >= t)
+        return self.take(np.repeat(there, end - first) & (self.t <= t))
+
 
 def empty_tracks() -> Tracks:
     """A table without rows."""

@@ -15,9 +15,11 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "conf
 
 @pytest.fixture
 def monday(tmp_path, monkeypatch):
-    """A folder with the README's recording: people in a corridor, times in ms from 0."""
+    """A folder with the README's recording: people in a corridor who come from 985 s to 1001 s on, times in ms."""
     people = crowd(people=40)
-    lines = [f"{p},{1000 * (t - 1.3e9):.0f},{x:.3f},{y:.3f}" for p, t, x, y, *_ in zip(*people, strict=True)]
+    came = np.repeat(people.t[people.bounds()[:-1]], np.diff(people.bounds()))
+    people = people._replace(t=people.t - came + 985 + people.track_id % 17)
+    lines = [f"{p},{1000 * t:.0f},{x:.3f},{y:.3f}" for p, t, x, y, *_ in zip(*people, strict=True)]
     (tmp_path / "monday.csv").write_text("\n".join(["person,time,x,y", *lines]))
     monkeypatch.chdir(tmp_path)
     return people
@@ -32,7 +34,9 @@ def test_the_lines_of_the_library_run(monday, capsys):
     assert len(np.unique(tracks.track_id)) == 40
     assert futures.best.shape == (len(futures.track_id), 10, 2)
     assert futures.density(at_s=5, cell_m=0.5).probabilities.sum() == pytest.approx(1)
-    assert "'n': " in capsys.readouterr().out
+    scored = names["modlhmp"].score(futures, tracks).at(5)
+    assert scored["n"] > 0 and scored["ade_m"] < 0.5
+    assert str(scored) in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

@@ -91,6 +91,16 @@ def test_take_by_mask_and_by_index():
     assert tracks.take(np.array([3, 0])).x.tolist() == [tracks.x[3], tracks.x[0]]
 
 
+def test_those_who_are_there_at_a_time():
+    """One who has left, one who is there, one who comes that instant, one who comes later; the file may hold none."""
+    t = np.array([0.0, 1, 2, 1, 2, 3, 4, 3, 4, 5, 6])
+    table = Tracks(np.array([1, 1, 1, 2, 2, 2, 2, 3, 3, 4, 4]), t, *np.zeros((4, len(t))))
+    seen = table.seen_by(3.0)
+    assert seen.track_id.tolist() == [2, 2, 2, 3] and seen.t.tolist() == [1, 2, 3, 3]
+    assert table.seen_by(3.0, rows=3).track_id.tolist() == [2, 2, 2]
+    assert len(table.seen_by(-1.0).t) == len(table.seen_by(7.0).t) == len(empty_tracks().seen_by(0.0).t) == 0
+
+
 def test_concatenate_keeps_order_and_types():
     one, two = some_tracks([1, 1]), some_tracks([5], seed=1)
     both = concatenate([one, empty_tracks(), two])
