@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Integral
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import pyarrow as pa
 from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.forecasting.observe import Observed
-from modlhmp.futures import Futures, Scores
+from modlhmp.futures import Futures, Scores, whole_steps
 from modlhmp.kinds import Kind, all_kinds, find
 from modlhmp.maps.base import HourlyMod
 from modlhmp.methods import build_map as build_tables
@@ -27,6 +29,7 @@ from modlhmp.tracks import MAX_GAP_S, Tracks, together, usable_tracks
 from modlhmp.tracks import read_tracks as read_clean_tracks
 
 KEY = ("modlhmp", "forecast", "")  # takes the place of (dataset, method, recording) in the random numbers
+LONGEST_S = 3600.0  # of a forecast; more is a wrong unit
 
 
 def read_tracks(
@@ -49,7 +52,7 @@ def read_tracks(
     those of one `split`; they lie under `data_root`, and get track ids of their own.
     `DataError` names the file, the row or option, the value and the remedy.
     """
-    suffix = Path(path).suffix
+    suffix = _path("read_tracks", path).suffix
     if suffix == ".parquet":
         return read_clean_tracks(path)
     if suffix in {".yaml", ".yml"}:
@@ -83,15 +86,15 @@ class Map:
 
     def save(self, path: str | Path) -> None:
         """Write it to `path`: a Parquet file, or a folder of the hours' files for a kind that has a map per hour."""
-        origin = {"kind": self.kind, "site": as_plain(self.site)}
+        path, origin = _path("Map.save", path), {"kind": self.kind, "site": as_plain(self.site)}
         if not find(self.kind).hourly:
             assert self.whole is not None
             return write_parquet(self.whole, path, **origin)
-        Path(path).mkdir(parents=True, exist_ok=True)
+        path.mkdir(parents=True, exist_ok=True)
         for hour, table in self.hours.items():
-            write_parquet(table, Path(path) / f"{hour:02d}.parquet", hour=hour, **origin)
+            write_parquet(table, path / f"{hour:02d}.parquet", hour=hour, **origin)
         if self.whole is not None:
-            write_parquet(self.whole, Path(path).with_suffix(".parquet"), **origin)
+            write_parquet(self.whole, path.with_suffix(".parquet"), **origin)
         return None
 
     def model(self, options: Any) -> Any:
@@ -119,7 +122,7 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
 
 def load_map(path: str | Path) -> Map:
     """Load a map that `Map.save` or the workflow wrote: a file, or a folder of hours; `DataError` where it is none."""
-    path = Path(path)
+    path = _path("load_map", path)
     files = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
     if not files:
         raise DataError(f"{path}: a folder without a map; a map by hours has files such as 09.parquet")
@@ -164,16 +167,16 @@ def forecast(
     chosen: Any = check(record.options, given, f"forecast with {record.name}")
     observed = _observed(history, site)
     horizon_s = site.horizon_s if horizon_s is None else horizon_s
-    steps = horizon_s / site.time_step_s
-    if abs(steps - round(steps)) > 1e-6 or round(steps) < 1:
-        raise DataError(f"horizon_s {horizon_s}: give a positive multiple of the time step of {site.time_step_s:g} s")
-    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+    steps = whole_steps("horizon_s", horizon_s, site, LONGEST_S)
+    if isinstance(key, str) or not isinstance(key, Sequence) or not all(isinstance(part, str) for part in key):
+        raise DataError(f"key {key!r}: give names, such as (dataset, method, recording)")
+    if not isinstance(seed, Integral) or isinstance(seed, bool) or seed < 0:
         raise DataError(f"seed {seed!r}: give a whole number of at least 0")
     model = by.model(chosen) if isinstance(by, Map) else None
     ask = forecaster_of(record, model, site, chosen, ways_out)
-    keys = stream_keys(observed.track_id, getattr(chosen, "k", 1), seed, *key)
+    keys = stream_keys(observed.track_id, getattr(chosen, "k", 1), int(seed), *key)
     start = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
-    return Futures(observed.track_id, observed.t[:, -1], start, ask(observed, round(steps), keys), site)
+    return Futures(observed.track_id, observed.t[:, -1], start, ask(observed, steps, keys), site)
 
 
 def score(futures: Futures, truth: Tracks | np.ndarray, protocol: str = "complete") -> Scores:
@@ -182,6 +185,8 @@ def score(futures: Futures, truth: Tracks | np.ndarray, protocol: str = "complet
     `truth` are the walkers' whole tracks, or positions [n, T, 2] in m at the time steps after t0 (NaN once unknown), in
     the order of the futures. Walkers count up to the end of their truth. The paper protocol's idle filter needs tracks.
     """
+    if not isinstance(futures, Futures):
+        raise DataError(f"score: futures are {type(futures).__name__}; give what modlhmp.forecast returns")
     if protocol not in PROTOCOLS:
         raise DataError(unknown("score", "protocol", protocol, PROTOCOLS))
     site, (n, _, steps, _) = futures.site, futures.forecast.xy.shape
@@ -189,7 +194,7 @@ def score(futures: Futures, truth: Tracks | np.ndarray, protocol: str = "complet
     if isinstance(truth, Tracks):
         xy, length, idle = _truth(futures, truth, site, steps)
     else:
-        xy = np.asarray(truth, float)
+        xy = _numbers("truth", truth)
         if xy.ndim != 3 or xy.shape[0] != n or xy.shape[2] != 2:
             raise DataError(
                 f"truth of shape {xy.shape}: give [{n}, T, 2], one row per walker of the futures, or Tracks"
@@ -228,6 +233,9 @@ def _check_tracks(where: str, tracks: Tracks, site: Site) -> None:
     """Whether it is a track table, sorted, with its rows a time step apart; `DataError`."""
     if not isinstance(tracks, Tracks):
         raise DataError(f"{where}: tracks are {type(tracks).__name__}; give modlhmp.Tracks, as read_tracks makes them")
+    if not np.isfinite(tracks.t).all():
+        row = int(np.argmin(np.isfinite(tracks.t)))
+        raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not a time in unix s")
     same = np.diff(tracks.track_id) == 0
     apart = np.diff(tracks.t)[same]
     if len(apart) and apart.min() <= 0:
@@ -268,7 +276,7 @@ def _observed(history: Tracks | np.ndarray, site: Site) -> Observed:
 
 def _from_array(history: np.ndarray) -> Tracks:
     """Tracks of an array [rows, 3] or [n, rows, 3] of t, x, y; walkers are numbered from 0."""
-    array = np.asarray(history, float)
+    array = _numbers("history", history)
     if array.ndim == 2:
         array = array[None]
     if array.ndim != 3 or array.shape[2] != 3:
@@ -276,6 +284,19 @@ def _from_array(history: np.ndarray) -> Tracks:
     flat = array.reshape(-1, 3)
     unknown_velocity = np.full(len(flat), np.nan)
     return Tracks(np.repeat(np.arange(len(array)), array.shape[1]), *flat.T, unknown_velocity, unknown_velocity)  # type: ignore[call-arg]
+
+
+def _path(where: str, path: Any) -> Path:
+    if not isinstance(path, str | PathLike):
+        raise DataError(f"{where}: path {path!r}: give a file's path")
+    return Path(path)
+
+
+def _numbers(name: str, values: Any) -> np.ndarray:
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{name}: give numbers, all rows equally long ({error})") from None
 
 
 def _truth(futures: Futures, truth: Tracks, site: Site, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,7 +1,8 @@
 """Forecasts as the library gives them: futures with their ranks, who is still there, densities; and their scores."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from numbers import Real
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,16 @@ from modlhmp.site import Site
 from modlhmp.storage import DataError
 
 BANDWIDTH_CELLS = 1.0  # a sample's default spread in a density, in cells
+MOST_CELLS = 50_000_000  # of a density; more is a wrong unit, and would not fit in memory
 AROUND_BANDWIDTHS = 4.0  # how far a density's default extent reaches beyond the samples
+
+
+def whole_steps(name: str, value_s: Any, site: Site, longest_s: float) -> int:
+    """How many time steps a moment `value_s` is (1 or more); `DataError` where it is no whole number, or too late."""
+    step_s, number = site.time_step_s, isinstance(value_s, Real) and not isinstance(value_s, bool)
+    if number and 0.5 * step_s < value_s <= longest_s + 1e-6 and abs(value_s / step_s - round(value_s / step_s)) < 1e-6:
+        return round(value_s / step_s)
+    raise DataError(f"{name} {value_s!r}: give a multiple of {step_s:g} s from {step_s:g} to {longest_s:g}")
 
 
 class Density(NamedTuple):
@@ -92,8 +102,9 @@ class Futures:
         step = self._step(at_s)
         if not 0 <= walker < len(self.track_id):
             raise DataError(f"walker {walker}: there are {len(self.track_id)}, counted from 0")
-        if not cell_m > 0:
-            raise DataError(f"cell_m {cell_m}: a size in m above 0 is needed")
+        for name, size_m in (("cell_m", cell_m), ("bandwidth_m", 1.0 if bandwidth_m is None else bandwidth_m)):
+            if not (isinstance(size_m, Real) and 0 < size_m < np.inf):
+                raise DataError(f"{name} {size_m!r}: a size in m above 0 is needed")
         there = self.alive[walker, :, step]
         positions = self.paths[walker, there if there.any() else slice(None), step].astype(float)
         spread = BANDWIDTH_CELLS * cell_m if bandwidth_m is None else bandwidth_m
@@ -103,6 +114,8 @@ class Futures:
             low = np.floor(low / cell_m) * cell_m
             size = np.ceil((high - low) / cell_m) * cell_m
             extent = (float(low[0]), float(low[0] + size[0]), float(low[1]), float(low[1] + size[1]))
+        if (cells := (extent[1] - extent[0]) * (extent[3] - extent[2]) / cell_m**2) > MOST_CELLS:
+            raise DataError(f"cell_m {cell_m}: the density would have {cells:.2g} cells; give larger ones")
         try:
             return Density(density(positions, extent, cell_m, spread), extent)
         except ValueError as error:
@@ -117,11 +130,7 @@ class Futures:
         return 1 if self.forecast.output == "median" else 0
 
     def _step(self, at_s: float) -> int:
-        steps, longest = at_s / self.site.time_step_s, self.times_s[-1]
-        if abs(steps - round(steps)) > 1e-6 or not 1 <= round(steps) <= len(self.times_s):
-            step_s = self.site.time_step_s
-            raise DataError(f"at_s {at_s}: give a multiple of {step_s:g} s from {step_s:g} to {longest:g}")
-        return round(steps) - 1
+        return whole_steps("at_s", at_s, self.site, self.times_s[-1]) - 1
 
 
 @dataclass(frozen=True)
@@ -145,10 +154,11 @@ class Scores:
 
     def at(self, horizon_s: float) -> dict[str, float]:
         """Mean ADE and FDE [m] at one horizon, with n scored of the eligible; NaN where nobody is scored."""
-        found = np.flatnonzero(np.isclose(self.horizons_s, horizon_s))
+        asked = horizon_s if isinstance(horizon_s, Real) else np.nan  # which is close to none
+        found = np.flatnonzero(np.isclose(self.horizons_s, asked))
         if not len(found):
             longest = self.horizons_s[-1] if len(self.horizons_s) else 0
-            raise DataError(f"horizon_s {horizon_s}: it was not forecast; the longest horizon is {longest:g} s")
+            raise DataError(f"horizon_s {horizon_s!r}: it was not forecast; the longest horizon is {longest:g} s")
         column = int(found[0])
         scored = np.isfinite(self.ade[:, column])
         means = [float(part[scored, column].mean()) if scored.any() else float("nan") for part in (self.ade, self.fde)]

@@ -68,6 +68,8 @@ def read_parquet(path: str | Path, columns: Sequence[str] | None = None) -> pa.T
     """Read a table; a missing or damaged file is a `DataError` that says how to get it back."""
     try:
         return pq.ParquetFile(path).read(columns, use_threads=False)
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file; if the workflow makes it, run the workflow again") from None
     except (OSError, pa.ArrowInvalid) as error:
         raise DataError(f"{path}: cannot be read as Parquet ({error}); delete it and run the workflow again") from None
 

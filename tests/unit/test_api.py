@@ -155,9 +155,15 @@ def test_a_map_that_cannot_be_built(arguments, named, message):
     refused(message, modlhmp.build_map, *arguments, **named)
 
 
+@pytest.mark.parametrize("path", [None, 3, [1]])
+def test_what_is_no_path(maps, path):
+    for call in (modlhmp.load_map, modlhmp.read_tracks, maps["snippets"].save):
+        refused("give a file's path", call, path)
+
+
 def test_a_folder_without_a_map(tmp_path):
     refused("a folder without a map", modlhmp.load_map, tmp_path)
-    refused("cannot be read", modlhmp.load_map, tmp_path / "nothing.parquet")
+    refused("no such file", modlhmp.load_map, tmp_path / "nothing.parquet")
 
 
 # --- forecasts -------------------------------------------------------------------------------------------------------
@@ -204,6 +210,10 @@ def test_a_density_sums_to_one_around_where_they_may_be(maps):
     fixed = futures.density(4, 0.5, 5, extent=(-20, 20, -5, 5))
     assert fixed.probabilities.shape == (20, 80)
     refused("give a multiple of 1 s from 1 to 8", futures.density, 9, 0.5)
+    refused("at_s '4'", futures.density, "4", 0.5)
+    refused("cell_m 0: a size", futures.density, 4, 0)
+    refused("bandwidth_m nan: a size", futures.density, 4, 0.5, bandwidth_m=float("nan"))
+    refused("give larger ones", futures.density, 4, 1e-9)
     refused("there are 80", futures.density, 4, 0.5, walker=80)
     refused("none of", futures.density, 4, 0.5, extent=(500, 510, 0, 5))
 
@@ -222,8 +232,16 @@ STRAIGHT = np.column_stack([np.arange(4.0), 1.2 * np.arange(4), np.zeros(4)])
 @pytest.mark.parametrize(
     ("arguments", "named", "message"),
     [
-        (("cvm", STRAIGHT), {"horizon_s": 2.5}, "horizon_s 2.5: give a positive multiple"),
+        (("cvm", STRAIGHT), {"horizon_s": 2.5}, "horizon_s 2.5: give a multiple of 1 s from 1 to 3600"),
         (("cvm", STRAIGHT), {"horizon_s": 0}, "horizon_s 0"),
+        (("cvm", STRAIGHT), {"horizon_s": float("nan")}, "horizon_s nan"),
+        (("cvm", STRAIGHT), {"horizon_s": "10"}, "horizon_s '10'"),
+        (("cvm", STRAIGHT), {"horizon_s": 60_000}, "horizon_s 60000"),
+        (("cvm", STRAIGHT), {"key": "atc"}, "key 'atc': give names"),
+        (("cvm", STRAIGHT), {"key": 3}, "key 3: give names"),
+        (("cvm", [["a", "b", "c"]] * 4), {}, "history: give numbers"),
+        (("cvm", [[[0, 0, 0]], [[1, 0]]]), {}, "history: give numbers"),
+        (("cvm", np.full((4, 3), np.nan)), {}, "history: row 0: t nan"),
         (("cvm", STRAIGHT), {"seed": -1}, "seed -1"),
         (("cvm", STRAIGHT), {"beta": 1}, "unknown key 'beta'"),
         (("cvm", STRAIGHT[:3]), {}, "has 3 rows; observed_rows of the site is 4"),
@@ -299,7 +317,10 @@ def test_scores_that_cannot_be_given():
     refused("did you mean 'complete'", modlhmp.score, futures, STRAIGHT[None, :, 1:], "complet")
     refused("truth of shape", modlhmp.score, futures, STRAIGHT)
     refused("has no track", modlhmp.score, futures, PEOPLE._replace(track_id=PEOPLE.track_id + 5))
-    refused("it was not forecast", modlhmp.score(futures, STRAIGHT[None, :3, 1:]).at, 9)
+    refused("futures are NoneType", modlhmp.score, None, PEOPLE)
+    scores = modlhmp.score(futures, STRAIGHT[None, :3, 1:])
+    refused("it was not forecast", scores.at, 9)
+    refused("horizon_s '3': it was not forecast", scores.at, "3")
 
 
 def test_usable_histories_are_those_of_the_workflow():
