@@ -80,7 +80,7 @@ def test_the_good_files_are_good(good, form):
 
 @pytest.mark.parametrize("form", FORMS)
 def test_a_missing_map(tmp_path, form):
-    refused(form, tmp_path / "nothing.parquet", "cannot be read", "run the workflow again")
+    refused(form, tmp_path / "nothing.parquet", "no such file", "run the workflow again")
 
 
 @pytest.mark.parametrize("form", FORMS)
