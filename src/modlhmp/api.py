@@ -22,7 +22,7 @@ from modlhmp.scoring.errors import ground_truth, is_idle
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.protocols import score as score_forecast
 from modlhmp.settings import as_plain, build, check, unknown
-from modlhmp.site import Site
+from modlhmp.site import Site, check_site
 from modlhmp.storage import DataError, read_metadata, read_parquet, write_parquet
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import MAX_GAP_S, Tracks, together, usable_tracks
@@ -85,16 +85,24 @@ class Map:
     hours: dict[int, pa.Table]
 
     def save(self, path: str | Path) -> None:
-        """Write it to `path`: a Parquet file, or a folder of the hours' files for a kind that has a map per hour."""
+        """Write it to `path`: a Parquet file, or a folder of the hours' files for a kind that has a map per hour.
+
+        A table of the whole day beside the hours is `day.parquet` in that folder.
+        """
         path, origin = _path("Map.save", path), {"kind": self.kind, "site": as_plain(self.site)}
         if not find(self.kind).hourly:
-            assert self.whole is not None
+            if self.whole is None or path.is_dir():
+                raise DataError(
+                    f"{path}: a folder is there" if self.whole is not None else f"Map of kind {self.kind}: no table"
+                )
             return write_parquet(self.whole, path, **origin)
+        if path.exists() and not path.is_dir():
+            raise DataError(f"{path}: a file is there; a map of kind {self.kind} is a folder, so give another name")
         path.mkdir(parents=True, exist_ok=True)
         for hour, table in self.hours.items():
             write_parquet(table, path / f"{hour:02d}.parquet", hour=hour, **origin)
         if self.whole is not None:
-            write_parquet(self.whole, path.with_suffix(".parquet"), **origin)
+            write_parquet(self.whole, path / "day.parquet", **origin)
         return None
 
     def model(self, options: Any) -> Any:
@@ -113,9 +121,13 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
     `resolution_m=0.5` (`modlhmp kinds NAME` lists them). `DataError` for a wrong kind or option, or tracks whose rows
     are not a time step apart.
     """
-    site, record = site or Site(), _map_kind(kind)
+    site, record = _site(site), _map_kind(kind)
     options: Any = check(record.building, building, f"build_map({kind!r})")  # type: ignore[arg-type]
     _check_tracks("build_map", tracks, site)
+    if not (np.isfinite(tracks.x).all() and np.isfinite(tracks.y).all()):
+        raise DataError("build_map: a position is not a number; leave such rows out")
+    if len(tracks.t) and np.diff(tracks.bounds()).max() < 2:
+        raise DataError("build_map: no track has two rows; are the times in the unit that was said (s, ms)?")
     whole, hours = build_tables(kind, tracks, site, options)
     return Map(kind, site, whole, hours)
 
@@ -123,17 +135,22 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
 def load_map(path: str | Path) -> Map:
     """Load a map that `Map.save` or the workflow wrote: a file, or a folder of hours; `DataError` where it is none."""
     path = _path("load_map", path)
-    files = sorted(path.glob("*.parquet")) if path.is_dir() else [path]
-    if not files:
+    hours = sorted(path.glob("[0-2][0-9].parquet"))
+    if path.is_dir() and not hours:
         raise DataError(f"{path}: a folder without a map; a map by hours has files such as 09.parquet")
-    tables = {file.stem: read_parquet(file) for file in files}
-    origin = read_metadata(files[0])
+    first = hours[0] if hours else path
+    table, origin = read_parquet(first), read_metadata(first)
     if not {"kind", "site"} <= origin.keys():
-        raise DataError(f"{files[0]}: lacks its kind and its site; build it again")
-    site = build(Site, origin["site"])
-    if path.is_dir():
-        return Map(origin["kind"], site, None, {int(hour): table for hour, table in tables.items()})
-    return Map(origin["kind"], site, tables[path.stem], {})
+        raise DataError(f"{first}: lacks its kind and its site; build it again")
+    kind, site = find(origin["kind"]), build(Site, origin["site"])
+    if kind.hourly != path.is_dir():
+        parts = "one file per hour: give the folder that holds them" if kind.hourly else "one file: give that"
+        raise DataError(f"{path}: a map of kind {kind.name} is {parts}")
+    if not kind.hourly:
+        return Map(kind.name, site, table, {})
+    day = path / "day.parquet"
+    tables = {int(file.stem): read_parquet(file) for file in hours}
+    return Map(kind.name, site, read_parquet(day) if day.exists() else None, tables)
 
 
 def forecast(
@@ -158,10 +175,12 @@ def forecast(
     map's; give one for a kind without a map.
     `DataError` names the argument, its value and the remedy.
     """
-    record, site = (_map_kind(by.kind), by.site) if isinstance(by, Map) else (_free_kind(by), site or Site())
+    record, site = (_map_kind(by.kind), _site(site, by.site)) if isinstance(by, Map) else (_free_kind(by), _site(site))
     if record.forecasts is None:
         raise DataError(f"a map of kind {record.name!r} has no forecaster; it serves other methods")
-    asked = {"k": k, "exits": None if exits is None else bool(exits)}
+    if not (exits is None or isinstance(exits, bool) or (isinstance(exits, Map) and exits.kind == "exits")):
+        raise DataError(f"exits {exits!r}: give True, False, or a map of kind `exits`")
+    asked = {"k": k, "exits": None if exits is None else exits is not False}
     given = {**options, **{name: value for name, value in asked.items() if value is not None}}
     ways_out = exits.whole if isinstance(exits, Map) else None
     chosen: Any = check(record.options, given, f"forecast with {record.name}")
@@ -212,6 +231,19 @@ def score(futures: Futures, truth: Tracks | np.ndarray, protocol: str = "complet
     return Scores(protocol, output, futures.times_s, values["ade"], values["fde"], eligible)
 
 
+def _site(site: Any, of_map: Site | None = None) -> Site:
+    """The site asked for, checked like a dataset file's; beside a map only the map's own."""
+    if site is None or site == of_map:
+        return of_map or Site()
+    if not isinstance(site, Site):
+        raise DataError(f"site is {type(site).__name__}; give modlhmp.Site(timezone=..., time_step_s=...)")
+    if of_map is not None:
+        raise DataError("site: the map has a site of its own, and this one differs from it; leave it out")
+    check(Site, as_plain(site), "site")
+    check_site(site, "site")
+    return site
+
+
 def _map_kind(name: str) -> Kind:
     record = find(name)
     if not record.has_map:
@@ -233,6 +265,13 @@ def _check_tracks(where: str, tracks: Tracks, site: Site) -> None:
     """Whether it is a track table, sorted, with its rows a time step apart; `DataError`."""
     if not isinstance(tracks, Tracks):
         raise DataError(f"{where}: tracks are {type(tracks).__name__}; give modlhmp.Tracks, as read_tracks makes them")
+    for name, values in zip(Tracks._fields, tracks, strict=True):
+        wanted = np.integer if name == "track_id" else np.floating
+        if not isinstance(values, np.ndarray) or not np.issubdtype(values.dtype, wanted) or values.ndim != 1:
+            kind = "whole numbers" if name == "track_id" else "floats"
+            raise DataError(f"{where}: column {name} of the tracks: give a 1-d numpy array of {kind}")
+        if len(values) != len(tracks.track_id):
+            raise DataError(f"{where}: column {name} has {len(values)} rows, track_id has {len(tracks.track_id)}")
     if not np.isfinite(tracks.t).all():
         row = int(np.argmin(np.isfinite(tracks.t)))
         raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not a time in unix s")
@@ -252,9 +291,9 @@ def _check_tracks(where: str, tracks: Tracks, site: Site) -> None:
 def _observed(history: Tracks | np.ndarray, site: Site) -> Observed:
     """The last rows of each walker, as a forecaster sees them."""
     tracks = history if isinstance(history, Tracks) else _from_array(history)
-    if not len(tracks.t):
-        raise DataError("history: it has no rows")
     _check_tracks("history", tracks, site)
+    if not len(tracks.t):
+        raise DataError("history: it has no rows; is anyone there at that time (t is in unix s)?")
     bounds, seen = tracks.bounds(), site.observed_rows
     counts = np.diff(bounds)
     if counts.min() < seen:
@@ -301,6 +340,7 @@ def _numbers(name: str, values: Any) -> np.ndarray:
 
 def _truth(futures: Futures, truth: Tracks, site: Site, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """True positions [n, T, 2], how many steps of them [n], and who is idle [n], of the futures' walkers."""
+    _check_tracks("truth", truth, site)
     bounds = truth.bounds()
     rows = np.column_stack([bounds[:-1], bounds[1:] - 1])
     of = {int(track): row for track, row in zip(truth.track_id[rows[:, 0]], rows, strict=True)}

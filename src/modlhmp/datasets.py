@@ -18,7 +18,7 @@ from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.settings import check, option, unknown
-from modlhmp.site import Site
+from modlhmp.site import Site, check_site
 from modlhmp.storage import DataError
 
 Hour = Annotated[int, Ge(0), Le(24)]
@@ -184,19 +184,9 @@ def validation_part(dataset: Dataset) -> Dataset:
 def _check_dataset(path: str | Path, file: DatasetFile, label: str) -> None:
     """Checks that types cannot say; `DataError`."""
     _check_files(path, file)
-    first, last = file.hours
-    if first >= last:
-        raise DataError(f"{path}: hours [{first}, {last}] are empty; say [first, one after the last]")
+    check_site(file, path)
     if not re.fullmatch(r"[A-Za-z0-9_-]+", label):
         raise DataError(f"{path}: name the file with letters, digits, _ and - only, or give it a `label` of these")
-    if file.observed_rows < 2:
-        raise DataError(f"{path}: observed_rows {file.observed_rows} is under 2; a velocity takes two rows")
-    steps = file.horizon_s / file.time_step_s
-    if abs(steps - round(steps)) > 1e-9 or steps < 1:
-        raise DataError(f"{path}: horizon_s {file.horizon_s} is not a multiple of time_step_s {file.time_step_s}")
-    weights = file.difference_weights
-    if not weights or min(weights) < 0 or not sum(weights):
-        raise DataError(f"{path}: difference_weights {list(weights)} are not positive numbers, newest step first")
     for entry in file.cleaning:
         _check_rule(path, entry)
     for area in file.areas:

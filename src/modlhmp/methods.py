@@ -60,7 +60,7 @@ def load_map(kind: str, path: str | Path, site: Site, options: Any) -> Any:
     module = record.implementation()
     if not record.hourly:
         return module.load(path, site, options)
-    files = sorted(Path(path).glob("*.parquet"))
+    files = sorted(Path(path).glob("[0-2][0-9].parquet"))
     return HourlyMod({int(file.stem): module.load(file, site, options) for file in files}, site.timezone)
 
 

@@ -1,9 +1,11 @@
 """What maps, forecasts and scores must know of the place and of the recordings: one small record."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 from modlhmp.settings import From0, Positive, Seconds, WholeFrom1, option
+from modlhmp.storage import DataError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,3 +44,18 @@ class Site:
     def steps(self) -> int:
         """Time steps to the longest horizon."""
         return round(self.horizon_s / self.time_step_s)
+
+
+def check_site(site: Site, where: str | Path) -> None:
+    """Checks that types cannot say; `DataError` begins with `where`."""
+    first, last = site.hours
+    if first >= last:
+        raise DataError(f"{where}: hours [{first}, {last}] are empty; say [first, one after the last]")
+    if site.observed_rows < 2:
+        raise DataError(f"{where}: observed_rows {site.observed_rows} is under 2; a velocity takes two rows")
+    steps = site.horizon_s / site.time_step_s
+    if abs(steps - round(steps)) > 1e-9 or steps < 1:
+        raise DataError(f"{where}: horizon_s {site.horizon_s} is not a multiple of time_step_s {site.time_step_s}")
+    weights = site.difference_weights
+    if not weights or min(weights) < 0 or not sum(weights):
+        raise DataError(f"{where}: difference_weights {list(weights)} are not positive numbers, newest step first")

@@ -41,6 +41,10 @@ class Tracks(NamedTuple):
 
     def seen_by(self, t: float, rows: int = 1) -> "Tracks":
         """The rows up to `t` (s) of the tracks that are there at `t` and have `rows` rows or more by then."""
+        if not np.isscalar(t) or isinstance(t, str | bytes) or not np.isfinite(t):
+            raise DataError(f"seen_by: t {t!r}: give a time in s")
+        if not isinstance(rows, int | np.integer):
+            raise DataError(f"seen_by: rows {rows!r}: give a whole number")
         bounds = self.bounds()
         first, end = bounds[:-1], bounds[1:]
         seen = np.add.reduceat(self.t <= t, first) if len(first) else first

@@ -118,14 +118,62 @@ def test_a_file_that_is_described_wrongly(write, form, message):
 
 @pytest.mark.parametrize("kind", MAPS)
 def test_a_map_is_saved_and_loaded(maps, tmp_path, kind):
-    path = tmp_path / "a_map"
-    maps[kind].save(path)
+    found: list[str] = []
+    for name in ("a_map", "a_map.parquet", "v1.2"):
+        path = tmp_path / name
+        maps[kind].save(path)
+        assert sorted(file.name for file in tmp_path.iterdir()) == sorted({path.name, *found}), "and nothing beside it"
+        found.append(name)
     again = modlhmp.load_map(path)
+    assert (again.whole is None) == (maps[kind].whole is None)
     assert (again.kind, again.site) == (kind, SITE)
     assert again.hours.keys() == maps[kind].hours.keys()
     history = seen(PEOPLE)
     ours, theirs = (modlhmp.forecast(one, history, k=3) for one in (maps[kind], again))
     np.testing.assert_array_equal(ours.paths, theirs.paths)
+
+
+def test_a_part_of_a_map_is_refused(maps, tmp_path):
+    maps["tc_cliff"].save(tmp_path / "hours")
+    refused("give the folder", modlhmp.load_map, next((tmp_path / "hours").iterdir()))
+    (tmp_path / "day").mkdir()
+    maps["cliff"].save(tmp_path / "day/09.parquet")
+    refused("kind cliff is one file", modlhmp.load_map, tmp_path / "day")
+    refused("a folder is there", maps["cliff"].save, tmp_path / "day")
+    refused("a file is there", maps["stef"].save, tmp_path / "day/09.parquet")
+
+
+@pytest.mark.parametrize(
+    "site", [3, "UTC", {}, [], Site(time_step_s=0), Site(time_step_s="a"), Site(observed_rows=1),
+             Site(velocity="columns"), Site(horizon_s=-1), Site(paper_protocol=3), Site(difference_weights=[])],
+)  # fmt: skip
+def test_what_is_no_site(site):
+    refused("site", modlhmp.build_map, "cliff", PEOPLE, site)
+    refused("site", modlhmp.forecast, "cvm", STRAIGHT, site=site)
+
+
+def test_a_map_keeps_its_site(maps):
+    refused("leave it out", modlhmp.forecast, maps["cliff"], seen(PEOPLE), site=Site(time_step_s=0.4))
+
+
+@pytest.mark.parametrize("exits", ["a", 3, [], np.array([1, 2])])
+def test_what_is_no_way_out(maps, exits):
+    refused("give True, False", modlhmp.forecast, maps["snippets"], seen(PEOPLE), exits=exits)
+
+
+@pytest.mark.parametrize("name", modlhmp.Tracks._fields)
+@pytest.mark.parametrize(
+    "wrong", [list, lambda of: None, lambda of: of[:-1], lambda of: of.astype(str), lambda of: of[:, None]]
+)
+def test_tracks_made_by_hand_are_checked(name, wrong):
+    made = PEOPLE._replace(**{name: wrong(getattr(PEOPLE, name))})
+    refused("column", modlhmp.build_map, "cliff", made)
+    refused("column", modlhmp.forecast, "cvm", made)
+
+
+def test_tracks_of_one_row_each_are_no_map():
+    refused("times in the unit", modlhmp.build_map, "snippets", PEOPLE._replace(track_id=np.arange(len(PEOPLE.t))))
+    refused("a position is not a number", modlhmp.build_map, "cliff", PEOPLE._replace(x=np.full(len(PEOPLE.t), np.nan)))
 
 
 def test_a_map_without_its_metadata_is_refused(maps, tmp_path):
