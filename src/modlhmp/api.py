@@ -15,7 +15,7 @@ from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures, Scores, whole_steps
 from modlhmp.kinds import Kind, all_kinds, find
-from modlhmp.maps.base import HourlyMod
+from modlhmp.maps.base import HourlyMod, hour_files
 from modlhmp.methods import build_map as build_tables
 from modlhmp.methods import forecaster_of
 from modlhmp.scoring.errors import ground_truth, is_idle
@@ -29,6 +29,7 @@ from modlhmp.tracks import MAX_GAP_S, Tracks, together, usable_tracks
 from modlhmp.tracks import read_tracks as read_clean_tracks
 
 KEY = ("modlhmp", "forecast", "")  # takes the place of (dataset, method, recording) in the random numbers
+DAY = "day.parquet"  # the whole-day table of a map that is saved by hours
 LONGEST_S = 3600.0  # of a forecast; more is a wrong unit
 
 
@@ -91,10 +92,10 @@ class Map:
         """
         path, origin = _path("Map.save", path), {"kind": self.kind, "site": as_plain(self.site)}
         if not find(self.kind).hourly:
-            if self.whole is None or path.is_dir():
-                raise DataError(
-                    f"{path}: a folder is there" if self.whole is not None else f"Map of kind {self.kind}: no table"
-                )
+            if self.whole is None:
+                raise DataError(f"Map of kind {self.kind}: it has no table")
+            if path.is_dir():
+                raise DataError(f"{path}: a folder is there; a map of kind {self.kind} is a file, so give another name")
             return write_parquet(self.whole, path, **origin)
         if path.exists() and not path.is_dir():
             raise DataError(f"{path}: a file is there; a map of kind {self.kind} is a folder, so give another name")
@@ -102,7 +103,7 @@ class Map:
         for hour, table in self.hours.items():
             write_parquet(table, path / f"{hour:02d}.parquet", hour=hour, **origin)
         if self.whole is not None:
-            write_parquet(self.whole, path / "day.parquet", **origin)
+            write_parquet(self.whole, path / DAY, **origin)
         return None
 
     def model(self, options: Any) -> Any:
@@ -135,22 +136,22 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
 def load_map(path: str | Path) -> Map:
     """Load a map that `Map.save` or the workflow wrote: a file, or a folder of hours; `DataError` where it is none."""
     path = _path("load_map", path)
-    hours = sorted(path.glob("[0-2][0-9].parquet"))
-    if path.is_dir() and not hours:
+    files = hour_files(path) if path.is_dir() else {}
+    if path.is_dir() and not files:
         raise DataError(f"{path}: a folder without a map; a map by hours has files such as 09.parquet")
-    first = hours[0] if hours else path
-    table, origin = read_parquet(first), read_metadata(first)
+    first = next(iter(files.values()), path)
+    tables = {hour: read_parquet(file) for hour, file in files.items()}
+    whole = None if files else read_parquet(path)
+    origin = read_metadata(first)
     if not {"kind", "site"} <= origin.keys():
         raise DataError(f"{first}: lacks its kind and its site; build it again")
     kind, site = find(origin["kind"]), build(Site, origin["site"])
     if kind.hourly != path.is_dir():
         parts = "one file per hour: give the folder that holds them" if kind.hourly else "one file: give that"
         raise DataError(f"{path}: a map of kind {kind.name} is {parts}")
-    if not kind.hourly:
-        return Map(kind.name, site, table, {})
-    day = path / "day.parquet"
-    tables = {int(file.stem): read_parquet(file) for file in hours}
-    return Map(kind.name, site, read_parquet(day) if day.exists() else None, tables)
+    if (path / DAY).exists():
+        whole = read_parquet(path / DAY)
+    return Map(kind.name, site, whole, tables)
 
 
 def forecast(

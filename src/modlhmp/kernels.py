@@ -188,7 +188,9 @@ def _temporary_place():
 
 def _version(file, module):
     """Digest of the sources that kernels of a file may depend on; None where they are not what the process runs."""
-    digest, sources = _digest(file, module)
+    name, roots = _roots(file, module)
+    # The same for all kernels of this package, so that a process reads the sources once.
+    digest, sources = _digest(frozenset({name: file, **_kernel_modules()}.items()), frozenset(roots.items()))
     # Machine code of what was imported must not be kept as that of an edit since (the inode's time cannot be set back).
     changed = [source for source in sources if os.stat(source).st_ctime > _STARTED]
     if changed:
@@ -198,13 +200,13 @@ def _version(file, module):
 
 
 @functools.cache
-def _digest(file, module):
-    """Hexadecimal digest of the sources that kernels of a file (its module's full name) may depend on, and the files.
+def _digest(modules, roots):
+    """Hexadecimal digest of modules' sources and of what they import, directly or not, and these files.
 
-    Names in the digest are modules', so copies of the same sources have the same one.
+    `modules` are pairs of name and file, `roots` pairs as of `_roots`. Names in the digest are modules', so copies of
+    the same sources have the same one.
     """
-    name, roots = _roots(file, module)
-    todo, texts = {name: file, **_kernel_modules()}, {}
+    todo, texts, roots = dict(modules), {}, dict(roots)
     while todo:
         name, path = todo.popitem()
         texts[name] = path, Path(path).read_bytes()

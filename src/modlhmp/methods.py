@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from modlhmp.forecasting.base import Forecaster
 from modlhmp.kinds import Kind, find
-from modlhmp.maps.base import HourlyMod
+from modlhmp.maps.base import HourlyMod, hour_files
 from modlhmp.maps.exits import with_exits
 from modlhmp.options import Learning
 from modlhmp.settings import as_plain, build
@@ -60,8 +60,8 @@ def load_map(kind: str, path: str | Path, site: Site, options: Any) -> Any:
     module = record.implementation()
     if not record.hourly:
         return module.load(path, site, options)
-    files = sorted(Path(path).glob("[0-2][0-9].parquet"))
-    return HourlyMod({int(file.stem): module.load(file, site, options) for file in files}, site.timezone)
+    files = hour_files(path)
+    return HourlyMod({hour: module.load(file, site, options) for hour, file in files.items()}, site.timezone)
 
 
 def make_forecaster(

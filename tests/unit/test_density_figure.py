@@ -13,19 +13,12 @@ from modlhmp.options import RollOut, SnippetBuilding, Snippets
 from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import write_parquet
 from modlhmp.study.exhibits import density_maps
-from modlhmp.study.layout import Layout
 from modlhmp.tracks import Tracks, write_tracks
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=2.0, horizon_s=12.0, demo=True)
 STEPS = 6
 METHODS = {"cvm": "CVM", "snippets": "Snippets", "tc_cliff": "TC-CLiFF"}
 SHOWN = Method(name="tc_cliff", kind="tc_cliff", options=RollOut())
-
-
-@pytest.fixture
-def layout(tmp_path):
-    """Where a run's files lie in the test's own folder."""
-    return Layout("demo", str(tmp_path))
 
 
 def make_run(layout, rows=4 + STEPS):

@@ -9,17 +9,10 @@ from modlhmp.datasets import Dataset
 from modlhmp.scoring.uncertainty import MEASURES
 from modlhmp.storage import write_parquet
 from modlhmp.study.exhibits import calibration, uncertainty_table
-from modlhmp.study.layout import Layout
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=2.0, horizon_s=12.0, demo=True)
 METHODS = {"cvm": "CVM", "snippets": "Snippets", "tc_cliff": "TC-CLiFF"}
 MEASURED = ["snippets", "tc_cliff"]
-
-
-@pytest.fixture
-def layout(tmp_path):
-    """Where a run's files lie in the test's own folder."""
-    return Layout("demo", str(tmp_path))
 
 
 def write_measures(layout, method, horizons=(4.0, 12.0), tracks=60, factor=1.0, known=True):

@@ -14,7 +14,6 @@ from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import write_parquet
 from modlhmp.study.exhibits import example_forecasts, paths, ranked_forecasts, style
 from modlhmp.study.exhibits.selection import Example, errors_at, example_track
-from modlhmp.study.layout import Layout
 from modlhmp.tracks import Tracks, write_tracks
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=2.0, horizon_s=60.0, demo=True)
@@ -28,12 +27,6 @@ def walkers(number, rows):
     t = np.tile(1.9e9 + 2.0 * np.arange(rows), number)
     x = np.tile(7.0 * np.arange(rows), number)
     return Tracks(ids, t, x, ids.astype(float), np.full(len(ids), 3.5), np.zeros(len(ids)))
-
-
-@pytest.fixture
-def layout(tmp_path):
-    """Where a run's files lie in the test's own folder."""
-    return Layout("demo", str(tmp_path))
 
 
 def make_run(layout, number=5, rows=4 + STEPS, k=3):

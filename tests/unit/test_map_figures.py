@@ -12,15 +12,8 @@ from modlhmp.datasets import Dataset
 from modlhmp.maps import cliff
 from modlhmp.storage import write_parquet
 from modlhmp.study.exhibits import cliff_hours, map_panels, mod_comparison, one_location, stef_hours, style
-from modlhmp.study.layout import Layout
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", hours=(9, 12), figure_hours=(9, 10, 11), demo=True)
-
-
-@pytest.fixture
-def layout(tmp_path):
-    """Where a run's files lie in the test's own folder."""
-    return Layout("demo", str(tmp_path))
 
 
 @pytest.fixture

@@ -1,53 +1,21 @@
 """Figure of the maps with memory: what they hold near a walker, and the futures that they give."""
 
-import dataclasses
-
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
 from matplotlib import image
 from matplotlib.collections import LineCollection
+from walking_hall import HALL, METHODS, STEPS, YARD, walkers
 
-from modlhmp.datasets import Dataset
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.files import write_forecasts
 from modlhmp.maps import snippets
 from modlhmp.options import SnippetBuilding
 from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import write_parquet
-from modlhmp.study.exhibits import memory_maps, style
-from modlhmp.study.layout import Layout
-from modlhmp.tracks import Tracks, empty_tracks, write_tracks
-
-HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=2.0, horizon_s=12.0, demo=True)
-YARD = dataclasses.replace(HALL, name="yard", title="Yard", label="yard", horizon_s=4.0, demo=False)
-METHODS = {"episodes": "Episodes", "snippets": "Snippets"}
-STEPS = 6
-
-
-def walkers(rows, number=5, steps_m=2.0):
-    """People who walk along x, a row each 2 s; person n walks at y = n."""
-    ids = np.repeat(np.arange(1, number + 1), rows)
-    x, t = np.tile(steps_m * np.arange(rows), number), np.tile(1.9e9 + 2.0 * np.arange(rows), number)
-    return Tracks(ids, t, x, ids.astype(float), np.ones(len(ids)), np.zeros(len(ids)))
-
-
-@pytest.fixture
-def layout(tmp_path):
-    """Where a run's files lie in the test's own folder."""
-    return Layout("demo", str(tmp_path))
-
-
-@pytest.fixture
-def figures(monkeypatch):
-    """Figures that have been drawn; they stay open."""
-    shown = []
-    monkeypatch.setattr(style.plt, "close", shown.append)
-    yield shown
-    monkeypatch.undo()
-    for fig in shown:
-        style.plt.close(fig)
+from modlhmp.study.exhibits import memory_maps
+from modlhmp.tracks import empty_tracks, write_tracks
 
 
 def make_run(layout, dataset=HALL, rows=4 + STEPS, training=None):

@@ -14,18 +14,11 @@ from modlhmp.options import ConstantVelocity, RollOut
 from modlhmp.settings import as_plain
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
-from modlhmp.study.layout import Layout
 from modlhmp.study.runtime import REPETITIONS, copied, exponent, measure, milliseconds_per_track, some_tracks
 from modlhmp.tracks import Tracks, empty_tracks, usable_tracks, write_tracks
 
 HALL = Site(horizon_s=12.0, velocity="as_recorded", hours=(17, 18))
 OPTIONS = RollOut(k=3)
-
-
-@pytest.fixture
-def layout(tmp_path):
-    """Where a run's files lie in the test's own folder."""
-    return Layout("demo", str(tmp_path))
 
 
 def people(number, rows=20):

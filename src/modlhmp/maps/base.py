@@ -61,6 +61,11 @@ class HourlyMod:
         return [(mod, rows) for hour, mod in self.by_hour.items() if len(rows := np.flatnonzero(hours == hour))]
 
 
+def hour_files(folder: str | Path) -> dict[int, Path]:
+    """{clock hour: file} of a map that lies in a folder by hours, such as 09.parquet."""
+    return {int(file.stem): file for file in sorted(Path(folder).glob("[0-2][0-9].parquet"))}
+
+
 def read_map(
     source: str | Path | pa.Table,
     what: str,
