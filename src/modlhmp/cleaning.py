@@ -3,7 +3,7 @@
 The rules of the Edinburgh recordings are B. Majecka's (see the paper, Sec. IV-A); every rule counts what it drops.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.readers import read_recording
+from modlhmp.settings import unknown
 from modlhmp.storage import DataError
 from modlhmp.time_step import interpolate
 from modlhmp.tracks import MAX_GAP_S, Tracks
@@ -67,18 +68,26 @@ def min_points(tracks: Tracks, form: FileFormat, points: int) -> np.ndarray:
 
 
 def start_end_margin(tracks: Tracks, form: FileFormat, polygons: list[list[list[float]]]) -> np.ndarray:
-    """Tracks that start or end outside all of `polygons` (in the file's pixels), the doors' side of the scene."""
+    """Tracks that start or end outside all of `polygons`, the doors' side (in pixels if there is a `scale`, else m)."""
     starts, ends = _ends(tracks, form.scale)
     return ~(inside_polygons(starts, polygons) & inside_polygons(ends, polygons))
 
 
 def lift_loiterers(tracks: Tracks, form: FileFormat, polygons: list[list[list[float]]]) -> np.ndarray:
-    """Tracks that both start and end inside `polygons` (in the file's pixels), where people wait for the lift."""
+    """Tracks that both start and end inside `polygons` (units as above), where people wait for the lift."""
     starts, ends = _ends(tracks, form.scale)
     return inside_polygons(starts, polygons) & inside_polygons(ends, polygons)
 
 
 RULES = {rule.__name__: rule for rule in (single_row, gap_over_5s, min_points, start_end_margin, lift_loiterers)}
+_RULE_NEEDS = {"min_points": "points", "start_end_margin": "polygons", "lift_loiterers": "polygons"}
+_RULE_FORM = "write it as {min_points: {points: 3}}"
+
+
+def check_rules(cleaning: Iterable[str | dict[str, dict[str, Any]]], source: object) -> None:
+    """Whether every entry is a rule that exists, with the option that it takes; `DataError` that names `source`."""
+    for entry in cleaning:
+        _check_rule(source, entry)
 
 
 def in_validation_blocks(tracks: Tracks, seed: int = 0) -> np.ndarray:
@@ -91,6 +100,21 @@ def in_validation_blocks(tracks: Tracks, seed: int = 0) -> np.ndarray:
     blocks = np.unique(block)
     number = max(round(VALIDATION_SHARE * len(blocks)), 1)
     return np.isin(block, np.random.default_rng(seed).permutation(blocks)[:number])
+
+
+def are_polygons(value: Any) -> bool:
+    """Whether `value` is a list of polygons: lists of three or more [x, y]."""
+    lists = (list, tuple)
+    return bool(
+        isinstance(value, lists)
+        and value
+        and all(isinstance(polygon, lists) and len(polygon) >= 3 for polygon in value)
+        and all(
+            isinstance(corner, lists) and len(corner) == 2 and all(type(part) in (int, float) for part in corner)
+            for polygon in value
+            for corner in polygon
+        )
+    )
 
 
 def inside_polygons(points: np.ndarray, polygons: Sequence[Sequence[Sequence[float]]]) -> np.ndarray:
@@ -114,6 +138,22 @@ def inside_polygons(points: np.ndarray, polygons: Sequence[Sequence[Sequence[flo
     return inside
 
 
+def _check_rule(source: object, entry: str | dict[str, dict[str, Any]]) -> None:
+    """One entry of `cleaning`: a rule that exists, with the option that it takes."""
+    if not isinstance(entry, str) and len(entry) != 1:
+        raise DataError(f"{source}: cleaning: {entry} is not one rule with its option; {_RULE_FORM}")
+    name, options = (entry, {}) if isinstance(entry, str) else next(iter(entry.items()))
+    if name not in RULES:
+        raise DataError(unknown(f"{source}: cleaning", "rule", name, RULES))
+    if set(options) != ({_RULE_NEEDS[name]} if name in _RULE_NEEDS else set()):
+        takes = f"{_RULE_NEEDS[name]}; {_RULE_FORM}" if name in _RULE_NEEDS else "no option"
+        raise DataError(f"{source}: cleaning rule {name} takes {takes}; got {sorted(options)}")
+    if "points" in options and not (type(options["points"]) is int and options["points"] > 0):
+        raise DataError(f"{source}: cleaning rule {name}: points {options['points']!r} is not a positive whole number")
+    if "polygons" in options and not are_polygons(options["polygons"]):
+        raise DataError(f"{source}: cleaning rule {name}: polygons must be lists of at least three [x, y] corners")
+
+
 def _rule(entry):
     name, options = (entry, {}) if isinstance(entry, str) else next(iter(entry.items()))
     return name, options
@@ -135,5 +175,5 @@ def _any_row(tracks, mask):
 
 def _ends(tracks, scale):
     bounds = tracks.bounds()
-    positions = np.column_stack([tracks.x, tracks.y]) / scale
+    positions = np.column_stack([tracks.x, tracks.y]) / (scale or 1.0)
     return positions[bounds[:-1]], positions[bounds[1:] - 1]

@@ -13,17 +13,16 @@ from typing import Annotated, Any, Literal
 import yaml
 from annotated_types import Ge, Le, MaxLen, MinLen
 
-from modlhmp.cleaning import RULES
+from modlhmp.cleaning import are_polygons, check_rules
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.raw import COMPRESSED, find_recording
-from modlhmp.settings import check, option, unknown
+from modlhmp.settings import check, option
 from modlhmp.site import Site, check_site
 from modlhmp.storage import DataError
 
 Hour = Annotated[int, Ge(0), Le(24)]
 VALIDATION_DAYS = 0.3
-_RULE_NEEDS = {"min_points": "points", "start_end_margin": "polygons", "lift_loiterers": "polygons"}
 REQUIRED = ("title", "reader", "timezone", "hours", "recordings", "horizon_s", "velocity", "citation", "terms")
 
 
@@ -187,10 +186,9 @@ def _check_dataset(path: str | Path, file: DatasetFile, label: str) -> None:
     check_site(file, path)
     if not re.fullmatch(r"[A-Za-z0-9_-]+", label):
         raise DataError(f"{path}: name the file with letters, digits, _ and - only, or give it a `label` of these")
-    for entry in file.cleaning:
-        _check_rule(path, entry)
+    check_rules(file.cleaning, path)
     for area in file.areas:
-        if not _are_polygons(area.polygons):
+        if not are_polygons(area.polygons):
             raise DataError(f"{path}: area {area.title}: polygons must be lists of at least three [x, y] corners")
     for source in file.sources:
         if not re.match("https?://", source.url):
@@ -212,38 +210,6 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
             )
         if entry.start is not None and not re.fullmatch("([01][0-9]|2[0-3]):[0-5][0-9]", entry.start):
             raise DataError(f'{path}: recordings: start {entry.start!r} is no clock time such as "09:00"')
-
-
-def _check_rule(path: str | Path, entry: str | dict[str, dict[str, Any]]) -> None:
-    """One entry of `cleaning`: a rule that exists, with the option that it takes."""
-    if not isinstance(entry, str) and len(entry) != 1:
-        raise DataError(f"{path}: cleaning: {entry} is not one rule with its option")
-    name, options = (entry, {}) if isinstance(entry, str) else next(iter(entry.items()))
-    if name not in RULES:
-        raise DataError(unknown(f"{path}: cleaning", "rule", name, RULES))
-    if set(options) != ({_RULE_NEEDS[name]} if name in _RULE_NEEDS else set()):
-        raise DataError(
-            f"{path}: cleaning rule {name} takes {_RULE_NEEDS.get(name, 'no option')}, got {sorted(options)}"
-        )
-    if "points" in options and not (type(options["points"]) is int and options["points"] > 0):
-        raise DataError(f"{path}: cleaning rule {name}: points {options['points']!r} is not a positive whole number")
-    if "polygons" in options and not _are_polygons(options["polygons"]):
-        raise DataError(f"{path}: cleaning rule {name}: polygons must be lists of at least three [x, y] corners")
-
-
-def _are_polygons(value: Any) -> bool:
-    """Whether `value` is a list of polygons: lists of three or more [x, y]."""
-    lists = (list, tuple)
-    return bool(
-        isinstance(value, lists)
-        and value
-        and all(isinstance(polygon, lists) and len(polygon) >= 3 for polygon in value)
-        and all(
-            isinstance(corner, lists) and len(corner) == 2 and all(type(part) in (int, float) for part in corner)
-            for polygon in value
-            for corner in polygon
-        )
-    )
 
 
 def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ...]:

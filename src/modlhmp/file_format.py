@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
-from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from annotated_types import MaxLen, MinLen
 
-from modlhmp.settings import Positive, WholeFrom1, option
+from modlhmp.settings import Positive, WholeFrom0, WholeFrom1, option
+from modlhmp.site import check_timezone
 from modlhmp.storage import DataError
 
-Column = int | str
+Column = WholeFrom0 | str
 _READER_NEEDS = {
     "edinburgh": ("frame_rate", "scale"),
     "edinburgh_rows": ("frame_rate", "scale", "row_stride"),
@@ -71,10 +71,7 @@ class FileFormat:
 
 def check_format(form: FileFormat, source: object) -> None:
     """Whether a reader knows all that it needs; `DataError` that names `source`, the key and the remedy."""
-    try:
-        ZoneInfo(form.timezone)
-    except (ZoneInfoNotFoundError, ValueError, OSError):
-        raise DataError(f"{source}: timezone {form.timezone!r} is unknown; use a name such as Europe/London") from None
+    check_timezone(form.timezone, source)
     for key in _READER_NEEDS.get(form.reader, ()):
         if getattr(form, key) is None:
             raise DataError(f"{source}: reader {form.reader!r} needs the key {key!r}")
@@ -83,6 +80,10 @@ def check_format(form: FileFormat, source: object) -> None:
             raise DataError(f"{source}: units in {unit!r} need the key {key!r}")
     if form.columns is not None and (form.columns.speed is None) != (form.columns.heading is None):
         raise DataError(f"{source}: columns: give both speed and heading, or neither")
+    given = form.columns.given() if form.columns else {}
+    for name, column in given.items():
+        if twice := [other for other in given if other != name and given[other] == column]:
+            raise DataError(f"{source}: columns: {name} and {twice[0]} are both column {column!r}; correct one")
 
 
 @dataclass(frozen=True, kw_only=True)

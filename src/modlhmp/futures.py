@@ -1,7 +1,8 @@
 """Forecasts as the library gives them: futures with their ranks, who is still there, densities; and their scores."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -100,10 +101,10 @@ class Futures:
         from modlhmp.forecasting.density import density  # noqa: PLC0415 - scipy's images, which few need
 
         step = self._step(at_s)
-        if not 0 <= walker < len(self.track_id):
-            raise DataError(f"walker {walker}: there are {len(self.track_id)}, counted from 0")
+        if not isinstance(walker, Integral) or isinstance(walker, bool) or not 0 <= walker < len(self.track_id):
+            raise DataError(f"walker {walker!r}: there are {len(self.track_id)}, counted from 0")
         for name, size_m in (("cell_m", cell_m), ("bandwidth_m", 1.0 if bandwidth_m is None else bandwidth_m)):
-            if not (isinstance(size_m, Real) and 0 < size_m < np.inf):
+            if not isinstance(size_m, Real) or isinstance(size_m, bool) or not 0 < float(size_m) < np.inf:
                 raise DataError(f"{name} {size_m!r}: a size in m above 0 is needed")
         there = self.alive[walker, :, step]
         positions = self.paths[walker, there if there.any() else slice(None), step].astype(float)
@@ -114,6 +115,8 @@ class Futures:
             low = np.floor(low / cell_m) * cell_m
             size = np.ceil((high - low) / cell_m) * cell_m
             extent = (float(low[0]), float(low[0] + size[0]), float(low[1]), float(low[1] + size[1]))
+        if not _is_box(extent):
+            raise DataError(f"extent {extent!r}: give (x low, x high, y low, y high) in m")
         if (cells := (extent[1] - extent[0]) * (extent[3] - extent[2]) / cell_m**2) > MOST_CELLS:
             raise DataError(f"cell_m {cell_m}: the density would have {cells:.2g} cells; give larger ones")
         try:
@@ -131,6 +134,13 @@ class Futures:
 
     def _step(self, at_s: float) -> int:
         return whole_steps("at_s", at_s, self.site, self.times_s[-1]) - 1
+
+
+def _is_box(extent: Any) -> bool:
+    """Whether it is (x low, x high, y low, y high)."""
+    four = isinstance(extent, Sequence | np.ndarray) and len(extent) == 4
+    finite = four and all(isinstance(one, Real) and np.isfinite(float(one)) for one in extent)
+    return bool(finite and extent[0] < extent[1] and extent[2] < extent[3])
 
 
 @dataclass(frozen=True)

@@ -137,6 +137,8 @@ def all_kinds() -> dict[str, Kind]:
 
 def find(name: str) -> Kind:
     """The record of a kind; `DataError` with the nearest name where there is none."""
+    if not isinstance(name, str):
+        raise DataError(f"kind {name!r}: give the name of a kind, such as 'cliff'")
     for kind in BUILT_IN:  # without a look at what is installed
         if kind.name == name:
             return kind

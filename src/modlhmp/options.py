@@ -6,7 +6,7 @@ What they say reaches a result through the parameters of the job that makes it.
 from dataclasses import dataclass
 from typing import Literal
 
-from modlhmp.settings import From0, Positive, Share, WholeFrom0, WholeFrom1, WholeFrom2, Width, option
+from modlhmp.settings import From0, Positive, Share, WholeFrom0, WholeFrom1, WholeFrom2, WholeFrom3, Width, option
 
 Velocity = Literal["dataset", "differences"]
 
@@ -20,7 +20,7 @@ class CliffBuilding:
 
     resolution_m: Positive = option(1.0, "distance of neighbouring locations [m]")
     radius_m: Positive = option(1.0, "a location takes the observations within this distance, border included [m]")
-    min_observations: int = option(5, "locations with fewer observations have no dynamics (at least 3)")
+    min_observations: WholeFrom3 = option(5, "locations with fewer observations have no dynamics")
     bandwidth: Literal["isotropic", "kucner"] = option(
         "isotropic", "rule for the bandwidth of mean shift; `kucner` is the reference builder's"
     )

@@ -19,6 +19,7 @@ from modlhmp.storage import DataError
 WholeFrom0 = Annotated[int, Ge(0)]
 WholeFrom1 = Annotated[int, Ge(1)]
 WholeFrom2 = Annotated[int, Ge(2)]
+WholeFrom3 = Annotated[int, Ge(3)]
 Width = Annotated[int, Ge(4), MultipleOf(4)]
 From0 = Annotated[float, Ge(0)]
 Positive = Annotated[float, Gt(0)]
@@ -295,7 +296,7 @@ def _explain(path: tuple[Any, ...], owner: Any, hint: Any, meaning: str, error: 
     elif kind == "literal_error":
         text = f"{value!r} is not one of {bounds['expected']}"
     elif kind == "string_type" and isinstance(value, int | float) and _branch(hint, value) is str:
-        text = f"YAML takes {value!r} for a number; quote it"
+        text = f"{value!r} is a number, not text; quote it (YAML reads 10:30 and 2024_01 as numbers)"
     elif kind == "finite_number":
         text = f"{value!r} is not a finite number"
     elif kind.endswith(("_type", "_parsing", "_parsing_size", "int_from_float")):

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from modlhmp.settings import From0, Positive, Seconds, WholeFrom1, option
 from modlhmp.storage import DataError
@@ -48,6 +49,7 @@ class Site:
 
 def check_site(site: Site, where: str | Path) -> None:
     """Checks that types cannot say; `DataError` begins with `where`."""
+    check_timezone(site.timezone, where)
     first, last = site.hours
     if first >= last:
         raise DataError(f"{where}: hours [{first}, {last}] are empty; say [first, one after the last]")
@@ -59,3 +61,11 @@ def check_site(site: Site, where: str | Path) -> None:
     weights = site.difference_weights
     if not weights or min(weights) < 0 or not sum(weights):
         raise DataError(f"{where}: difference_weights {list(weights)} are not positive numbers, newest step first")
+
+
+def check_timezone(name: str, where: object) -> None:
+    """`DataError` that begins with `where` unless it is a name of the tz database."""
+    try:
+        ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError, OSError):
+        raise DataError(f"{where}: timezone {name!r} is unknown; use a name such as Europe/London") from None

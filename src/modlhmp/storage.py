@@ -71,7 +71,7 @@ def read_parquet(path: str | Path, columns: Sequence[str] | None = None) -> pa.T
     except FileNotFoundError:
         raise DataError(f"{path}: no such file; if the workflow makes it, run the workflow again") from None
     except (OSError, pa.ArrowInvalid) as error:
-        raise DataError(f"{path}: cannot be read as Parquet ({error}); delete it and run the workflow again") from None
+        raise DataError(f"{path}: cannot be read as Parquet ({error}); delete it and make it again") from None
 
 
 def read_pieces(path: str | Path, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
@@ -87,8 +87,14 @@ def provenance_metadata(**provenance: Any) -> dict[bytes, str]:
 
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
-    """The provenance that a file carries (empty for a foreign file)."""
-    return json.loads((pq.read_schema(path).metadata or {}).get(_PROVENANCE, b"{}"))
+    """The provenance that a file carries (empty for a foreign file); `DataError` where it is damaged."""
+    try:
+        found = json.loads((pq.read_schema(path).metadata or {}).get(_PROVENANCE, b"{}"))
+    except ValueError as error:
+        raise DataError(f"{path}: its metadata are damaged ({error}); make it again") from None
+    if not isinstance(found, dict):
+        raise DataError(f"{path}: its metadata are damaged ({found!r} is not a mapping); make it again")
+    return found
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -20,7 +20,7 @@ STAGES = [
     ("scoring",),
     ("networks",),
     ("methods", "datasets"),
-    ("futures", "api", "contract"),
+    ("futures", "arguments", "api", "contract"),
     ("cli",),
     ("study",),
 ]  # fmt: skip

@@ -248,7 +248,7 @@ def text_with(**replaced):
 def test_an_unquoted_start_after_ten_is_explained(load):
     """YAML takes 10:30 for a number in base 60."""
     text = text_with(start=("split: train, start: '08:00'", "split: train, start: 10:30"))
-    refused(load, "recordings.0.start: YAML takes 630 for a number; quote it", '"09:00"', text=text)
+    refused(load, "recordings.0.start: 630 is a number, not text; quote it", '"09:00"', text=text)
 
 
 def test_an_unquoted_day_is_a_date(load):

@@ -205,7 +205,7 @@ def test_all_problems_are_told_at_once(config):
 def test_problems_under_numbers_and_names_are_told_side_by_side(config):
     """YAML reads a method called 1 as a number."""
     config["methods"] = {1: {"kind": "none"}, "a": {"kind": "none"}}
-    assert "methods.1: YAML takes 1 for a number; quote it" in refused(config)
+    assert "methods.1: 1 is a number, not text; quote it" in refused(config)
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_an_unknown_name_gets_a_hint(config, key, value, message):
     [
         ({"seeds": []}, "seeds: [] is too short, at least 1 needed"),
         ({"compare": []}, "compare: [] is too short, at least 1 needed"),
-        ({"run": 202401}, "run: YAML takes 202401 for a number; quote it"),
+        ({"run": 202401}, "run: 202401 is a number, not text; quote it"),
         ({"run": "a/b"}, "run: 'a/b': a name of letters, digits, _ and - only"),
         ({"methods": {"a b": {"kind": "cvm"}}}, "methods: 'a b': a name of letters, digits, _ and - only"),
         ({"methods": {"cliff": {"kind": "clif"}}}, "methods.cliff.kind: no kind named 'clif'; did you mean 'cliff'"),

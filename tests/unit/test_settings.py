@@ -182,7 +182,7 @@ def test_keys_that_must_be_there_though_they_have_a_default():
         ("share", "-1", "'-1' is not at least 0 (of the ground)"),
         ("colour", "green", "'green' is not one of 'red' or 'blue' (of the walls)"),
         ("colour", None, "None is not one of 'red' or 'blue' (of the walls)"),
-        ("key", 123, "YAML takes 123 for a number; quote it (to the door)"),
+        ("key", 123, "123 is a number, not text; quote it (YAML reads 10:30 and 2024_01 as numbers) (to the door)"),
         ("key", "abcd", "'abcd' is too long, at most 3 allowed (to the door)"),
         ("size", [1], "[1] is too short (width and depth [m])"),
         ("size", [1, 2, 3], "[1, 2, 3] is too long, at most 2 allowed (width and depth [m])"),
@@ -237,7 +237,7 @@ def test_problems_under_numbers_and_names_are_told_side_by_side():
     lines = told({"doors": {1: {"width_m": 0}, "a": {"width_m": 0}}, 2: 0})
     assert sorted(line.split(" (")[0] for line in lines) == [
         "doors.1.width_m: 0 is not above 0",
-        "doors.1: YAML takes 1 for a number; quote it",
+        "doors.1: 1 is a number, not text; quote it",
         "doors.a.width_m: 0 is not above 0",
         "top level: unknown key 2",
     ]

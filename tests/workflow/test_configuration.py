@@ -71,7 +71,7 @@ def test_every_shipped_configuration_plans(project, overlays):
     ("setting", "message"),
     [
         ("sedes=[1]", "configuration:\n  top level: unknown key 'sedes', did you mean 'seeds'"),
-        ("run=2024_01", "run: YAML takes 202401 for a number; quote it"),
+        ("run=2024_01", "run: 202401 is a number, not text; quote it"),
         ("datasets=[atc_1day]", "give your run another name"),
     ],
 )

@@ -82,9 +82,14 @@ def read_map(
     missing = [f"column {name}" for name in columns if name not in table.column_names]
     missing += [f"metadata {key}" for key in keys if key.encode() not in (table.schema.metadata or {})]
     if missing:
-        raise DataError(f"{path}: not {what}, no {', no '.join(missing)}; delete it and run the workflow again")
-    if step_s is not None and float(table.schema.metadata[b"step"]) != step_s:
-        built = float(table.schema.metadata[b"step"])
+        raise DataError(f"{path}: not {what}, no {', no '.join(missing)}; delete it and make it again")
+    for key in keys:
+        value = table.schema.metadata[key.encode()]
+        try:
+            float(value)
+        except ValueError:
+            raise DataError(f"{path}: metadata {key} {value!r} is not a number; make it again") from None
+    if step_s is not None and (built := float(table.schema.metadata[b"step"])) != step_s:
         raise DataError(f"{path}: {what} of time steps of {built:g} s cannot be used with steps of {step_s:g} s")
     return table
 

@@ -144,8 +144,7 @@ class CliffMap:
                 *covariance,
             ]
         )
-        for component in components:
-            component[3:] = swgmm.floor_covariance(*component[3:])
+        swgmm.floor_covariances(components)
         self.components = components
         self.terms = swgmm.precompute(components)
         if len(first):

@@ -62,6 +62,14 @@ def floor_covariance(vtt, vtr, vrr):
 
 
 @kernel
+def floor_covariances(components):
+    """`floor_covariance` of components [J, 6], in place."""
+    for j in range(len(components)):
+        vtt, vtr, vrr = floor_covariance(components[j, 3], components[j, 4], components[j, 5])
+        components[j, 3], components[j, 4], components[j, 5] = vtt, vtr, vrr
+
+
+@kernel
 def moments(heading, speed):
     """Circular-linear mean and covariance of observations: [mean heading, mean speed, vtt, vtr, vrr]."""
     mean_heading = circular_mean(heading)

@@ -46,9 +46,14 @@ def _day_and_origin(timezone: str, day: str, start: str | None) -> tuple[tuple[f
             raise DataError(f"start {start!r}: say the `day` that it is the clock time of")
         return (-math.inf, math.inf), 0.0
     zone = ZoneInfo(timezone)
-    date = datetime.fromisoformat(day)
+    try:
+        date, clock = datetime.fromisoformat(day), time.fromisoformat(start or "00:00")
+    except (TypeError, ValueError):
+        raise DataError(
+            f'day {day!r}, start {start!r}: give a date and a clock time, as "2012-10-24" and "09:00"'
+        ) from None
     midnight = date.replace(tzinfo=zone)
     limits = midnight.timestamp(), (date + timedelta(days=1)).replace(tzinfo=zone).timestamp()
     if start is None:
         return limits, 0.0
-    return limits, datetime.combine(date, time.fromisoformat(start), zone).timestamp()
+    return limits, datetime.combine(date, clock, zone).timestamp()

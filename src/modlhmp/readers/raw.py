@@ -52,7 +52,9 @@ def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
             else:
                 yield cast(IO[bytes], counted)
     except FileNotFoundError:
-        raise DataError(f"{file}: no such file; put the recording there or correct `data_root`") from None
+        raise DataError(
+            f"{file}: no such file; put the recording there, or correct the path (in the workflow: `data_root`)"
+        ) from None
     except KeyError:
         raise DataError(f"{file}: holds no member {member!r}") from None
     except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:

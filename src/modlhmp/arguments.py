@@ -1,0 +1,175 @@
+"""What users hand in, checked: `DataError` names the argument, its value and the remedy."""
+
+import os
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modlhmp.forecasting.observe import Observed
+from modlhmp.futures import Futures
+from modlhmp.kinds import Kind, all_kinds, find
+from modlhmp.scoring.errors import ground_truth, is_idle
+from modlhmp.settings import as_plain, check
+from modlhmp.site import Site, check_site
+from modlhmp.storage import DataError
+from modlhmp.tracks import MAX_GAP_S, Tracks, usable_tracks
+
+
+def site_of(site: Any, of_map: Site | None = None) -> Site:
+    """The site asked for, checked like a dataset file's; beside a map only the map's own."""
+    if site is None or site == of_map:
+        return of_map or Site()
+    if not isinstance(site, Site):
+        raise DataError(f"site is {type(site).__name__}; give modlhmp.Site(timezone=..., time_step_s=...)")
+    if of_map is not None:
+        raise DataError("site: the map has a site of its own, and this one differs from it; leave it out")
+    check(Site, as_plain(site), "site")
+    check_site(site, "site")
+    return site
+
+
+def map_kind(name: str) -> Kind:
+    """The record of a kind of map."""
+    record = find(name)
+    if record.learned:
+        raise DataError(f"kind {name!r} is a network: the workflow trains it and forecasts with it, see the README")
+    if not record.has_map:
+        maps = [kind.name for kind in all_kinds().values() if kind.has_map]
+        raise DataError(f"kind {name!r} is not a map; maps are {', '.join(maps)}")
+    return record
+
+
+def free_kind(name: str) -> Kind:
+    """The record of a kind that needs no map."""
+    if not isinstance(name, str):
+        raise DataError(f"forecast by {type(name).__name__}: give a Map (build_map, load_map) or the name of a kind")
+    if os.sep in name or name.endswith(".parquet"):
+        raise DataError(f"forecast by {name!r}: give the map that lies there, modlhmp.load_map({name!r})")
+    record = find(name)
+    if record.has_map:
+        raise DataError(f"kind {name!r} cannot forecast by its name alone: give a Map, as build_map makes it")
+    if record.learned:
+        raise DataError(f"kind {name!r} is a network: the workflow trains it and forecasts with it, see the README")
+    if record.forecasts is None:
+        raise DataError(f"kind {name!r} is made of other methods' forecasts, in the workflow")
+    return record
+
+
+def check_tracks(where: str, tracks: Tracks, site: Site) -> None:
+    """Whether it is a track table, sorted, with its rows a time step apart; `DataError`."""
+    if not isinstance(tracks, Tracks):
+        raise DataError(f"{where}: tracks are {type(tracks).__name__}; give modlhmp.Tracks, as read_tracks makes them")
+    for name, values in zip(Tracks._fields, tracks, strict=True):
+        wanted = np.integer if name == "track_id" else np.floating
+        if not isinstance(values, np.ndarray) or not np.issubdtype(values.dtype, wanted) or values.ndim != 1:
+            kind = "whole numbers" if name == "track_id" else "floats"
+            raise DataError(f"{where}: column {name} of the tracks: give a 1-d numpy array of {kind}")
+        if len(values) != len(tracks.track_id):
+            raise DataError(f"{where}: column {name} has {len(values)} rows, track_id has {len(tracks.track_id)}")
+    if not np.isfinite(tracks.t).all():
+        row = int(np.argmin(np.isfinite(tracks.t)))
+        raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not a time in unix s")
+    same = np.diff(tracks.track_id) == 0
+    apart = np.diff(tracks.t)[same]
+    if len(apart) and apart.min() <= 0:
+        row = int(np.flatnonzero(same)[apart.argmin()]) + 1
+        raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not after the row before; sort by track, then time")
+    step = float(np.median(apart)) if len(apart) else site.time_step_s
+    if not 0.8 <= step / site.time_step_s <= 1.25:
+        raise DataError(
+            f"{where}: tracks have a row every {step:g} s, the site's time_step_s is {site.time_step_s:g}; give "
+            "read_tracks and Site the same one"
+        )
+
+
+def last_rows(history: Tracks | np.ndarray, site: Site) -> Observed:
+    """The last rows of each walker, as a forecaster sees them."""
+    tracks = history if isinstance(history, Tracks) else _from_array(history)
+    check_tracks("history", tracks, site)
+    if not len(tracks.t):
+        raise DataError("history: it has no rows; is anyone there at that time (t is in unix s)?")
+    bounds, seen = tracks.bounds(), site.observed_rows
+    counts = np.diff(bounds)
+    if counts.min() < seen:
+        short, remedy = tracks.track_id[bounds[counts.argmin()]], f"give the last {seen} rows or more"
+        if isinstance(history, Tracks):
+            remedy = f"leave such walkers out, as Tracks.seen_by(t, rows={seen}) does"
+        raise DataError(
+            f"history: walker {short} has {counts.min()} rows; observed_rows of the site is {seen}; {remedy}"
+        )
+    rows = bounds[1:, None] - np.arange(seen, 0, -1)
+    whose, last = tracks.track_id[rows[:, 0]], f"the last {seen} rows"
+    gap = np.diff(tracks.t[rows], axis=1).max(axis=1) > MAX_GAP_S
+    if gap.any():
+        raise DataError(f"history: walker {whose[gap][0]} has a gap of more than {MAX_GAP_S:g} s in {last}")
+    nowhere = ~(np.isfinite(tracks.x[rows]) & np.isfinite(tracks.y[rows])).all(axis=1)
+    if nowhere.any():
+        raise DataError(f"history: walker {whose[nowhere][0]}: a position in {last} is not a number")
+    if site.velocity == "as_recorded" and not np.isfinite(tracks.speed[rows]).all():
+        raise DataError("history: the site's velocity is as_recorded, but rows lack speeds; use velocity=`differences`")
+    nobody = np.empty((len(rows), 0, seen, 2))
+    return Observed(whose, *(column[rows] for column in tracks[1:]), nobody)  # type: ignore[call-arg]
+
+
+def _from_array(history: np.ndarray) -> Tracks:
+    """Tracks of an array [rows, 3] or [n, rows, 3] of t, x, y; walkers are numbered from 0."""
+    array = numbers("history", history)
+    if array.ndim == 2:
+        array = array[None]
+    if array.ndim != 3 or array.shape[2] != 3:
+        raise DataError(f"history of shape {array.shape}: give Tracks, or [rows, 3] of t, x, y (several: [n, rows, 3])")
+    flat = array.reshape(-1, 3)
+    unknown_velocity = np.full(len(flat), np.nan)
+    return Tracks(np.repeat(np.arange(len(array)), array.shape[1]), *flat.T, unknown_velocity, unknown_velocity)  # type: ignore[call-arg]
+
+
+def path_of(where: str, path: Any) -> Path:
+    """A path that the file system can have, whether anything lies there or not."""
+    if not isinstance(path, str | PathLike) or not os.fspath(path) or isinstance(os.fspath(path), bytes):
+        raise DataError(f"{where}: path {path!r}: give a file's path as text")
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except (OSError, ValueError) as error:
+        raise DataError(f"{where}: path {str(path)[:80]!r}: give a file's path ({error})") from None
+    return Path(path)
+
+
+def numbers(name: str, values: Any) -> np.ndarray:
+    """An array of floats; not of text, dates or complex numbers, which numpy would turn into them."""
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind not in "iufO" or any(
+            isinstance(one, str | bytes) for one in array.flat if array.dtype == "O"
+        ):
+            raise TypeError(f"they are {array.dtype}")
+        return array.astype(float)
+    except (TypeError, ValueError) as error:
+        raise DataError(f"{name}: give numbers, all rows equally long ({error})") from None
+
+
+def truth_of(futures: Futures, truth: Tracks, site: Site, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """True positions [n, T, 2], how many steps of them [n], and who is idle [n], of the futures' walkers."""
+    check_tracks("truth", truth, site)
+    bounds = truth.bounds()
+    rows = np.column_stack([bounds[:-1], bounds[1:] - 1])
+    of = {int(track): row for track, row in zip(truth.track_id[rows[:, 0]], rows, strict=True)}
+    if missing := [int(track) for track in futures.track_id if int(track) not in of]:
+        raise DataError(f"truth: walker {missing[0]} of the futures has no track in it")
+    rows = np.array([of[int(track)] for track in futures.track_id])
+    usable = {int(truth.track_id[first]) for first, _ in usable_tracks(truth, 1)}
+    xy, length = np.full((len(rows), steps, 2), np.nan), np.zeros(len(rows), np.int64)
+    for number, (first, last) in enumerate(rows):
+        at = first + int(np.searchsorted(truth.t[first : last + 1], futures.t0[number] - 1e-6))
+        if at > last or abs(truth.t[at] - futures.t0[number]) > 1e-3:
+            raise DataError(f"truth: track {truth.track_id[first]} has no row at t0 = {futures.t0[number]:.3f}")
+        if int(truth.track_id[first]) in usable:
+            found, seconds = ground_truth(truth, np.array([[at, last]]), 1, steps, site.time_step_s)
+            xy[number], length[number] = found[0], seconds[0]
+    idle_filter, idle = site.paper_protocol.idle_filter, np.zeros(len(rows), bool)
+    if idle_filter:
+        idle = is_idle(truth, rows, idle_filter.rows, idle_filter.min_displacement_m)
+    return xy, length, idle
