@@ -72,6 +72,7 @@ def test_every_shipped_configuration_plans(project, overlays):
     [
         ("sedes=[1]", "configuration:\n  top level: unknown key 'sedes', did you mean 'seeds'"),
         ("run=2024_01", "run: YAML takes 202401 for a number; quote it"),
+        ('run="2024_01"', "`--config` drops quotes and takes `'run=!!str 2024_01'`"),
         ("datasets=[atc_1day]", "give your run another name"),
     ],
 )
