@@ -83,6 +83,15 @@ def test_a_wrong_setting_stops_with_its_name(project, setting, message):
     assert "Traceback" not in output
 
 
+@pytest.mark.parametrize("name", ["budgets", "config"])
+def test_a_configuration_that_is_no_yaml_is_named_with_its_line(project, name):
+    with open(project.folder / f"config/{name}.yaml", "a") as file:
+        file.write("maps: {cliff: [\n")
+    output = project.snakemake("-n", fails=True)
+    assert f"config/{name}.yaml, line " in output
+    assert "not valid YAML" in output
+
+
 def test_an_average_on_the_ladder_is_timed_by_its_members(project):
     """Which may be no rungs themselves: their maps and weights are asked for all the same."""
     (project.folder / "short.yaml").write_text(
