@@ -9,7 +9,9 @@ from modlhmp.kinds import Kind, all_kinds, find
 from modlhmp.settings import fields_of
 from modlhmp.storage import DataError
 
-app = typer.Typer(help="Maps of dynamics and long-term human motion prediction.", no_args_is_help=True)
+app = typer.Typer(  # without rich, whose help writes `<bool>` beside every flag
+    help="Maps of dynamics and long-term human motion prediction.", no_args_is_help=True, rich_markup_mode=None
+)
 
 
 def _show_version(wanted: bool) -> None:
@@ -28,8 +30,8 @@ def _options(
 
 
 @app.command()
-def kinds(name: Annotated[str, typer.Argument(help="A kind whose options are shown.")] = "") -> None:
-    """List the kinds of maps, predictors and networks, also other packages'; or the options of one."""
+def kinds(name: Annotated[str, typer.Argument(hidden=True, metavar="NAME")] = "") -> None:
+    """List the kinds of maps, predictors and networks, also other packages'; or the options of the kind NAME."""
     if name:
         return _describe(find(name))
     for kind in all_kinds().values():

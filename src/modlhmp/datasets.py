@@ -10,7 +10,6 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
 from annotated_types import Ge, Le, MaxLen, MinLen
 
 from modlhmp.cleaning import are_polygons, check_rules
@@ -20,6 +19,7 @@ from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.settings import check, option
 from modlhmp.site import Site, check_site
 from modlhmp.storage import DataError
+from modlhmp.yaml_file import read_yaml
 
 Hour = Annotated[int, Ge(0), Le(24)]
 VALIDATION_DAYS = 0.3
@@ -121,7 +121,7 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
     They lie under `data_root`, generated ones under `demo_root` where that is given. A file that does not exist keeps
     the path where it is expected. `DataError` names the file, the key, the value and the remedy.
     """
-    listed = read_yaml(path)
+    listed = read_yaml(path, "a dataset file")
     file = check(DatasetFile, listed, path, REQUIRED)
     name = Path(path).stem
     label = file.label or name
@@ -143,19 +143,6 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
         "figure_hours": file.figure_hours or tuple(sorted({first, (first + last - 1) // 2, last - 1})),
         "floor_plan": _floor_plan_files(file, root),
     })  # fmt: skip
-
-
-def read_yaml(path: str | Path) -> dict[str, Any]:
-    """The mapping that a YAML file holds, dates as text; `DataError` where it is none."""
-    try:
-        listed = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror})") from None
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: also a date that does not exist
-        raise DataError(f"{path}: not valid YAML in UTF-8 ({error})") from None
-    if not isinstance(listed, dict):
-        raise DataError(f"{path}: a dataset file is a mapping of keys, see config/README.md")
-    return _dates_as_text(listed)
 
 
 def validation_part(dataset: Dataset) -> Dataset:
@@ -266,12 +253,3 @@ def _stem(file: str | Path) -> str:
         name = name.removesuffix(suffix)
     stem, _, suffix = name.rpartition(".")
     return stem if stem and suffix in {"csv", "txt", "tsv", "ndjson", "dat"} else name
-
-
-def _dates_as_text(value: Any) -> Any:
-    """YAML turns 2012-10-24 into a date; settings and JSON want text."""
-    if isinstance(value, dict):
-        return {key: _dates_as_text(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_dates_as_text(entry) for entry in value]
-    return value.isoformat() if isinstance(value, date) else value

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 
 from modlhmp.storage import DataError
+from modlhmp.yaml_file import read_yaml
 
 FREE, UNKNOWN, OCCUPIED = 0, 1, 2
 _NEEDED = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
@@ -27,7 +27,7 @@ class FloorPlan(NamedTuple):
 
 def image_of(path: str | Path) -> Path:
     """Image file that a floor plan's YAML file names; `DataError` for a bad YAML file."""
-    return Path(path).parent / str(_read_yaml(path)["image"])
+    return Path(path).parent / str(_settings_of(path)["image"])
 
 
 def load_floor_plan(path: str | Path) -> FloorPlan:
@@ -40,7 +40,7 @@ def load_floor_plan(path: str | Path) -> FloorPlan:
         from PIL import Image  # noqa: PLC0415 - an extra: maps and forecasts do without it
     except ImportError:
         raise DataError(f'{path}: reading a floor plan needs Pillow: pip install "modlhmp[plans]"') from None
-    settings = _read_yaml(path)
+    settings = _settings_of(path)
     file = image_of(path)
     try:
         with Image.open(file) as image:
@@ -77,13 +77,8 @@ def value_at(plan: FloorPlan, grid: np.ndarray, x: np.ndarray, y: np.ndarray) ->
     return np.where(within, grid[i, j], grid.dtype.type(0))
 
 
-def _read_yaml(path):
-    try:
-        settings = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError, ValueError) as error:
-        raise DataError(f"{path}: the floor plan cannot be read as YAML ({error})") from None
-    if not isinstance(settings, dict):
-        raise DataError(f"{path}: a floor plan is a mapping of keys: {', '.join(_NEEDED)}")
+def _settings_of(path):
+    settings = read_yaml(path, "a floor plan")
     if missing := [key for key in _NEEDED if key not in settings]:
         raise DataError(f"{path}: the floor plan lacks {', '.join(missing)} (it is a map_server YAML file)")
     origin, occupied, free = (settings[key] for key in ("origin", "occupied_thresh", "free_thresh"))

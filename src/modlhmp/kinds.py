@@ -16,6 +16,7 @@ from modlhmp.settings import unknown
 from modlhmp.storage import DataError
 
 GROUP = "modlhmp.kinds"
+NOT_INSTALLED = "is the package that adds it installed?"
 NETWORK_FORECASTS = "modlhmp.networks.forecaster"
 
 
@@ -143,5 +144,5 @@ def find(name: str) -> Kind:
         if kind.name == name:
             return kind
     if name not in all_kinds():
-        raise DataError(unknown("kind", "kind", name, all_kinds()))
+        raise DataError(unknown("kind", "kind", name, all_kinds(), NOT_INSTALLED))
     return all_kinds()[name]

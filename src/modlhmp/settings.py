@@ -1,7 +1,8 @@
 """Typed settings: dataclasses are the one source of defaults, checks, messages, JSON schemas and tables.
 
-A settings class is a frozen dataclass whose fields are made by `option`. Using settings costs nothing else:
-pydantic is imported only where a user's settings are checked.
+A settings class is a frozen dataclass whose fields are made by `option`; its `ELSEWHERE` may say, of keys that are
+looked for in it, where they belong. Using settings costs nothing else: pydantic is imported only where a user's
+settings are checked.
 """
 
 import dataclasses
@@ -117,11 +118,16 @@ def type_name(hint: Any) -> str:
     return plain.get(hint, "mapping")
 
 
-def unknown(where: str, what: str, name: object, known: Iterable[str]) -> str:
-    """The message that there is no such thing, with the nearest of those that there are."""
+def unknown(where: str, what: str, name: object, known: Iterable[str], otherwise: str = "") -> str:
+    """The message that there is no such thing, with the nearest of those that there are.
+
+    Where none is near all are named, and `otherwise`, another reason that there may be.
+    """
     known = list(known)
     close = difflib.get_close_matches(str(name), known, 1)
-    hint = f"did you mean {close[0]!r}?" if close else f"known: {', '.join(known)}"
+    hint = (
+        f"did you mean {close[0]!r}?" if close else "; ".join(filter(None, [f"known: {', '.join(known)}", otherwise]))
+    )
     if RENAMED_KEYS.get(str(name)) in known:
         hint = f"it is now called {RENAMED_KEYS[str(name)]!r}"
     return f"{where}: no {what} named {name!r}; {hint}"
@@ -280,9 +286,12 @@ def _explain(path: tuple[Any, ...], owner: Any, hint: Any, meaning: str, error: 
     """One of pydantic's errors in the project's words."""
     kind, value, bounds = error["type"], error["input"], error.get("ctx", {})
     if kind in {"unexpected_keyword_argument", "extra_forbidden", "invalid_key"}:
-        known = [field.name for field in dataclasses.fields(owner)]
-        if RENAMED_KEYS.get(path[-1]) in known:
-            remedy = f": it is now called {RENAMED_KEYS[path[-1]]!r}"
+        known, now = [field.name for field in dataclasses.fields(owner)], RENAMED_KEYS.get(path[-1], path[-1])
+        renamed, elsewhere = now != path[-1], getattr(owner, "ELSEWHERE", {})
+        if now in elsewhere:
+            remedy = (f": it is now called {now!r}; it belongs" if renamed else ": it belongs") + f" {elsewhere[now]}"
+        elif renamed and now in known:
+            remedy = f": it is now called {now!r}"
         else:
             close = difflib.get_close_matches(str(path[-1]), known, 1)
             remedy = f", did you mean {close[0]!r}?" if close else f" (known: {', '.join(known)})"

@@ -12,7 +12,7 @@ PACKAGE = Path(modlhmp.__file__).parent
 STAGES = [
     ("storage", "kernels"),
     ("settings", "options", "kinds", "site", "file_format", "logs", "angles", "streams", "tracks", "account",
-     "time_step", "floor_plan"),
+     "time_step", "yaml_file", "floor_plan"),
     ("readers",),
     ("cleaning",),
     ("maps",),

@@ -1,11 +1,13 @@
 """The command `modlhmp`."""
 
+import re
+
 import pytest
 from typer.testing import CliRunner
 
 from modlhmp import __version__
 from modlhmp.cli import app, main
-from modlhmp.kinds import BUILT_IN
+from modlhmp.kinds import BUILT_IN, all_kinds
 
 
 def said(*arguments):
@@ -18,6 +20,13 @@ def test_version_and_help():
     assert said("--version").strip() == f"modlhmp {__version__}"
     assert "kinds" in said("--help")
     assert "--install-completion" in said("--help")
+
+
+@pytest.mark.parametrize("command", [(), ("kinds",)])
+def test_help_says_nothing_in_python_s_words(command):
+    text = said(*command, "--help")
+    assert not re.search("<[a-z]+>|bool|str\\b", text)
+    assert not command or "kinds [OPTIONS] [NAME]" in text
 
 
 def test_every_kind_is_listed():
@@ -34,9 +43,16 @@ def test_the_options_of_a_kind_with_their_meanings(kind):
             assert part in text
 
 
-def test_a_kind_that_is_none_is_one_line(monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["modlhmp", "kinds", "clif"])
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [
+        ("clif", "did you mean 'cliff'?"),
+        ("zzz", f"known: {', '.join(all_kinds())}; is the package that adds it installed?"),
+    ],
+)
+def test_a_kind_that_is_none_is_one_line(monkeypatch, capsys, name, hint):
+    monkeypatch.setattr("sys.argv", ["modlhmp", "kinds", name])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 1
-    assert capsys.readouterr().err.strip() == "kind: no kind named 'clif'; did you mean 'cliff'?"
+    assert capsys.readouterr().err.strip() == f"kind: no kind named '{name}'; {hint}"

@@ -8,12 +8,14 @@ from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
-from modlhmp import contract, kinds
+from modlhmp import api, contract, kinds
 from modlhmp.contract import check_kind
 from modlhmp.forecasting.base import Forecast
 from modlhmp.kinds import BUILT_IN, Kind
+from modlhmp.maps.base import read_map
 from modlhmp.settings import option
 
 OUTSIDE = Path(__file__).parents[1] / "outside/walking/src"
@@ -171,6 +173,51 @@ def made(forecast=lambda observed, steps, keys: straight(observed, steps), **cha
 def test_a_kind_as_small_as_that_keeps_it(registered):
     registered(mine=made())
     check_kind(made())
+
+
+def map_of_speeds(**changes):
+    """A kind whose map holds every row's speed, those that are not known too; what it is loaded from is checked."""
+    kind = made(building=Far, module="made_map_of_speeds", **changes)
+    module = types.ModuleType(kind.module)
+
+    def build(tracks, site, building):
+        pairs = pa.FixedSizeListArray.from_arrays(np.repeat(tracks.speed, 2), 2)
+        return pa.table({"speed": tracks.speed, "pair": pairs}).replace_schema_metadata({"far": "1.0"})
+
+    def load(path, site, options):
+        return read_map(path, "a map of speeds", ("speed", "pair"), ("far",))
+
+    module.build, module.load = build, load
+    sys.modules[module.__name__] = module
+    return kind
+
+
+def test_a_map_may_hold_what_is_not_known(registered):
+    """A track's first row has no speed, and NaN is not equal to itself."""
+    registered(mine=map_of_speeds())
+    assert np.isnan(contract.crowd().speed).any()
+    check_kind(map_of_speeds())
+
+
+@pytest.mark.parametrize("lost", ["a row", "a speed", "a column"])
+def test_a_map_that_comes_back_as_another_one_is_found(registered, monkeypatch, lost):
+    registered(mine=map_of_speeds())
+
+    def load_another(path):
+        found = api.load_map(path)
+        speed = found.whole["speed"].to_numpy().copy()
+        speed[1] = np.nan
+        column = found.whole.column_names.index("speed")
+        others = {
+            "a row": found.whole.slice(1),
+            "a speed": found.whole.set_column(column, "speed", pa.array(speed)),
+            "a column": found.whole.drop_columns("pair"),
+        }
+        return dataclasses.replace(found, whole=others[lost])
+
+    monkeypatch.setattr(contract, "load_map", load_another)
+    with pytest.raises(AssertionError, match="mine: a map that is saved and loaded is another one"):
+        check_kind(map_of_speeds())
 
 
 @pytest.mark.parametrize(

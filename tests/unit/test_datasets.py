@@ -11,12 +11,13 @@ import pytest
 import yaml
 
 from modlhmp.cleaning import RULES
-from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, load_dataset, read_yaml, validation_part
+from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, load_dataset, validation_part
 from modlhmp.file_format import Recording
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import find_recording, open_raw
 from modlhmp.settings import as_plain, build, json_schema
 from modlhmp.storage import DataError
+from modlhmp.yaml_file import read_yaml
 
 ROWS = "0,1,0,0\n1,1,1,0\n2,1,2,0\n"
 MINE = {
@@ -390,10 +391,28 @@ def test_a_file_that_is_no_yaml_is_refused(load, text):
     refused(load, "not valid YAML", text=text)
 
 
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("a: 1\nb: {x: 1\nc: 2\n", ", line 3, column 2: not valid YAML: expected ',' or '}', but got ':', in what "
+         "begins in line 2; look for brackets, quotes, colons and tabs"),
+        ("a: b: c", ", line 1, column 5: not valid YAML: mapping values are not allowed here; look for brackets"),
+        ("a: 1\n\x00", ": not valid YAML: unacceptable character #x0000: special characters are not allowed"),
+        ("day: 2012-13-45", ": not valid YAML: month must be in 1..12"),
+    ],
+)  # fmt: skip
+def test_what_is_no_yaml_is_told_with_its_line(write, text, told):
+    path = write(text, "mine.yaml")
+    with pytest.raises(DataError) as error:
+        read_yaml(path, "a dataset file")
+    assert str(error.value).startswith(f"{path}{told}")
+    assert "\n" not in str(error.value)
+
+
 def test_a_file_in_another_encoding_is_refused(tmp_path):
     path = tmp_path / "mine.yaml"
-    path.write_bytes("title: Café\n".encode("latin-1"))
-    with pytest.raises(DataError, match=r"mine\.yaml"):
+    path.write_bytes("reader: atc\ntitle: Café\n".encode("latin-1"))
+    with pytest.raises(DataError, match=r"mine\.yaml, line 2: not valid YAML: not UTF-8"):
         load_dataset(path, tmp_path)
 
 
@@ -415,7 +434,7 @@ def test_a_dataset_comes_back_from_its_plain_form(load_shipped, tmp_path, name):
 @pytest.mark.parametrize("name", SHIPPED)
 def test_the_json_schema_takes_what_is_shipped(config_folder, name):
     schema = json_schema(DatasetFile, REQUIRED)
-    listed = read_yaml(config_folder / f"datasets/{name}.yaml")
+    listed = read_yaml(config_folder / f"datasets/{name}.yaml", "a dataset file")
     jsonschema.Draft202012Validator(schema).validate(listed)
     for wrong in ({**listed, "zzz": 1}, {k: v for k, v in listed.items() if k != "terms"}, {**listed, "hours": 9}):
         assert list(jsonschema.Draft202012Validator(schema).iter_errors(wrong))

@@ -78,7 +78,7 @@ def test_nobody_of_the_demo_walks_into_a_wall(tmp_path, load_shipped):
     ("text", "message"),
     [
         ("just words", "mapping of keys"),
-        ("image: [", "cannot be read as YAML"),
+        ("image: [", "plan.yaml, line 1, column 9: not valid YAML"),
         (YAML.replace("resolution: 0.5\n", ""), "lacks resolution"),
         (YAML.replace("0.5", "0"), "resolution 0 is not"),
         (YAML.replace("0.5", "wide"), "resolution 'wide' is not"),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tomllib
 
 from modlhmp.contract import crowd
 
@@ -37,6 +38,19 @@ def test_the_lines_of_the_library_run(monday, capsys):
     scored = names["modlhmp"].score(futures, tracks).at(5)
     assert scored["n"] > 0 and scored["ade_m"] < 0.5
     assert str(scored) in capsys.readouterr().out
+
+
+def test_the_outside_package_of_the_docs_is_laid_out_like_the_one_that_is_tested():
+    """Its pyproject.toml, but for names; and its module is Python."""
+    python, toml = re.findall(r"```(?:python|toml)\n(.*?)```", (ROOT / "docs/extending.md").read_text(), re.DOTALL)[:2]
+    shown = tomllib.loads(toml)
+    tested = tomllib.loads((ROOT / "tests/outside/walking/pyproject.toml").read_text())
+    tested["project"]["name"], tested["tool"]["setuptools"]["py-modules"] = "mymaps", ["mymaps"]
+    tested["project"]["entry-points"]["modlhmp.kinds"] = {"mine": "mymaps:KIND"}
+    assert shown == tested
+    names = {"__name__": "mymaps"}
+    exec(python, names)
+    assert names["KIND"].name == "mine" and names["KIND"].sampled
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

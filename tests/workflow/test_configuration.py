@@ -72,6 +72,7 @@ def test_every_shipped_configuration_plans(project, overlays):
     [
         ("sedes=[1]", "configuration:\n  top level: unknown key 'sedes', did you mean 'seeds'"),
         ("run=2024_01", "run: 202401 is a number, not text; quote it"),
+        ('run="2024_01"', "`--config` drops quotes and takes `'run=!!str 2024_01'`"),
         ("datasets=[atc_1day]", "give your run another name"),
     ],
 )
@@ -80,6 +81,15 @@ def test_a_wrong_setting_stops_with_its_name(project, setting, message):
     output = project.snakemake("-n", "--config", setting, fails=True)
     assert message in output
     assert "Traceback" not in output
+
+
+@pytest.mark.parametrize("name", ["budgets", "config"])
+def test_a_configuration_that_is_no_yaml_is_named_with_its_line(project, name):
+    with open(project.folder / f"config/{name}.yaml", "a") as file:
+        file.write("maps: {cliff: [\n")
+    output = project.snakemake("-n", fails=True)
+    assert f"config/{name}.yaml, line " in output
+    assert "not valid YAML" in output
 
 
 def test_an_average_on_the_ladder_is_timed_by_its_members(project):

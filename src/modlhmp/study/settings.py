@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import MaxLen, MinLen
 
@@ -45,6 +45,10 @@ class MethodEntry:
 class Networks(options.Learning):
     """Of every network; a method's own `options` override them."""
 
+    ELSEWHERE: ClassVar = dict.fromkeys(
+        (field.name for field in dataclasses.fields(options.Training)),
+        "to a kind of network: `budgets` in config/budgets.yaml, or a method's `options`",
+    )
     threads: WholeFrom1 = option(1, "threads of a training or forecast")
 
 
@@ -113,7 +117,10 @@ class Tables:
 class RunSettings:
     """A run."""
 
-    run: str = option(meaning="name of the run: data go to `results/<run>`, exhibits to `paper_figures/<run>`")
+    run: str = option(
+        meaning="name of the run: data go to `results/<run>`, exhibits to `paper_figures/<run>`; a number is quoted, "
+        "`run: \"2024_01\"`, but `--config` drops quotes and takes `'run=!!str 2024_01'`"
+    )
     data_root: str = option("data", "folder of the recordings; the environment variable `MODLHMP_DATA` overrides it")
     datasets: Annotated[tuple[str, ...], MinLen(1)] = option(meaning="files of `config/datasets/`, without .yaml")
     evaluate_on: Literal["test", "validation"] = option(
@@ -274,7 +281,9 @@ def _check_entries(run: RunSettings) -> None:
         if not entry.kind:
             raise DataError(f"configuration, methods.{name}: say of which `kind` it is: {', '.join(known)}")
         if entry.kind not in known:
-            raise DataError(unknown(f"configuration, methods.{name}.kind", "kind", entry.kind, known))
+            raise DataError(
+                unknown(f"configuration, methods.{name}.kind", "kind", entry.kind, known, kinds.NOT_INSTALLED)
+            )
         for member in run.members(name):
             if member not in run.entries:
                 raise DataError(unknown(f"configuration, methods.{name}.options.of", "method", member, run.entries))
@@ -320,7 +329,7 @@ def _check_names(run: RunSettings) -> None:
     for key, names in named.items():
         for name in names:
             if name not in run.entries:
-                raise DataError(unknown(f"configuration, {key}", "method", name, run.entries))
+                raise DataError(unknown(f"configuration, {key}", "method", name, run.entries, kinds.NOT_INSTALLED))
     for name in run.studies.training.methods:
         if not run.kind(name).from_share:
             able = [kind.name for kind in kinds.all_kinds().values() if kind.from_share and kind.forecasts]

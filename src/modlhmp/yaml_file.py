@@ -1,0 +1,44 @@
+"""YAML files that people write: what is wrong in one is told with its file and line."""
+
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from modlhmp.storage import DataError
+
+
+def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
+    """The mapping that a YAML file holds, dates as text; `DataError` where it is none, as `what` must be."""
+    try:
+        listed = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise DataError(f"{path}, line {line}: not valid YAML: not UTF-8; save the file in that encoding") from None
+    except yaml.MarkedYAMLError as error:
+        raise DataError(f"{path}{_explained(error)}") from None
+    except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that does not exist
+        raise DataError(f"{path}: not valid YAML: {str(error).splitlines()[0]}") from None
+    if not isinstance(listed, dict):
+        raise DataError(f"{path}: {what} is a mapping of keys, see config/README.md")
+    return _dates_as_text(listed)
+
+
+def _explained(error: yaml.MarkedYAMLError) -> str:
+    """Where YAML's parser stopped, why, and where that began which it was reading."""
+    stopped, began = error.problem_mark, error.context_mark
+    place = f", line {stopped.line + 1}, column {stopped.column + 1}" if stopped else ""
+    since = f", in what begins in line {began.line + 1}" if began else ""
+    return f"{place}: not valid YAML: {error.problem}{since}; look for brackets, quotes, colons and tabs"
+
+
+def _dates_as_text(value: Any) -> Any:
+    """YAML turns 2012-10-24 into a date; settings and JSON want text."""
+    if isinstance(value, dict):
+        return {key: _dates_as_text(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_dates_as_text(entry) for entry in value]
+    return value.isoformat() if isinstance(value, date) else value
