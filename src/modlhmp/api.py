@@ -15,9 +15,9 @@ from modlhmp.cleaning import check_rules, clean_recording
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.futures import Futures, Scores, whole_steps
 from modlhmp.kinds import find
-from modlhmp.maps.base import HourlyMod, hour_files
+from modlhmp.maps.base import DAY, hour_files
 from modlhmp.methods import build_map as build_tables
-from modlhmp.methods import forecaster_of
+from modlhmp.methods import by_hours, forecaster_of
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.protocols import score as score_forecast
 from modlhmp.settings import as_plain, check, unknown
@@ -28,7 +28,6 @@ from modlhmp.tracks import Tracks, together
 from modlhmp.tracks import read_tracks as read_clean_tracks
 
 KEY = ("modlhmp", "forecast", "")  # takes the place of (dataset, method, recording) in the random numbers
-DAY = "day.parquet"  # the whole-day table of a map that is saved by hours
 MOST_POSITIONS = 500_000_000  # of a forecast; more would not fit in memory
 LONGEST_S = 3600.0  # of a forecast; more is a wrong unit
 
@@ -130,7 +129,7 @@ class Map:
         if not find(self.kind).hourly:
             return module.load(self.whole, self.site, options)
         hours = {hour: module.load(table, self.site, options) for hour, table in self.hours.items()}
-        return HourlyMod(hours, self.site.timezone)
+        return by_hours(find(self.kind), hours, self.whole, self.site, options)
 
 
 def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: Any) -> Map:

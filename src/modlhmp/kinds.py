@@ -37,7 +37,6 @@ class Kind:
     building: type | None = None  # settings class of the map's building; None: there is no map
     built_like: str = ""  # the kind whose building options it shares
     hourly: bool = False  # one map per clock hour, each a file of a folder
-    has_whole: bool = False  # an hourly map that has a file beside its hours'
     random: bool = True  # whether forecasts depend on the seed
     one_path: bool = False  # whether its forecast is one path, which can be averaged with others'
     from_share: bool = False  # whether its map can be built again from a share of the training tracks
@@ -93,7 +92,7 @@ def _network(name: str, title: str, sizes: type, **rest: object) -> Kind:
 BUILT_IN = (
     _sampled("cliff", "CLiFF", "modlhmp.maps.cliff", options.CliffBuilding, from_share=True),
     _sampled("tc_cliff", "TC-CLiFF", "modlhmp.maps.tc_cliff", options.CliffBuilding, built_like="cliff", hourly=True),
-    _sampled("stef", "STeF", "modlhmp.maps.stef", options.StefBuilding, hourly=True, has_whole=True),
+    _sampled("stef", "STeF", "modlhmp.maps.stef", options.StefBuilding, hourly=True),
     Kind(
         name="episodes", title="Episodes", options=options.Episodes, module="modlhmp.maps.episodes",
         forecasts="modlhmp.forecasting.replay", building=options.NoBuilding, random=False, one_path=True,

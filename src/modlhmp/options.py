@@ -77,6 +77,9 @@ class RollOut:
         "ranked", "the result: the likeliest future, or the geometric median of all that are still on the map"
     )
     exits: bool = option(False, "whether futures may leave by the ways out that people took")
+    without_map: Literal["stop", "whole_day"] = option(
+        "stop", "of maps by hours, in an hour that has none: `stop` at once, or use the map of the `whole_day`"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -273,6 +273,17 @@ def test_hour_of_t0_picks_the_map():
     np.testing.assert_allclose(moved, 7 * velocity[0][:, None] * [[1, 1], [-1, -1], [0, 0]], atol=1e-4)
 
 
+def test_an_hour_without_a_map_may_use_that_of_the_whole_day():
+    observed, velocity = walkers(15, n=2)
+    observed = observed._replace(t=np.array([[9.5 * 3600], [23 * 3600]]) + 1912982400.0 + np.arange(-3.0, 1.0))
+    east = Field(lambda x, y, v, h: (v, np.zeros(len(x))))
+    west = Field(lambda x, y, v, h: (v, np.full(len(x), np.pi)))
+    got = roll_out(HourlyMod({10: east}, "Europe/London", west), observed, velocity, 8, keys_of(observed, 2), beta=0.0)
+    assert (got.steps_alive == 8).all()
+    moved = got.xy[:, :, -1, 0] - got.xy[:, :, 0, 0]
+    np.testing.assert_allclose(moved, 7 * velocity[0][:, None] * [[1, 1], [-1, -1]], atol=1e-4)
+
+
 # --- independence -------------------------------------------------------------------------------------------
 
 
