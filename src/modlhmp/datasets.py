@@ -66,6 +66,9 @@ class _Shown:
         (), "hours whose maps are drawn, at most 4; none: the first, a middle and the last with a map"
     )
     areas: tuple[Area, ...] = option((), "areas that figures of forecasts mark")
+    clock: Literal["recorded", "estimated"] = option(
+        "recorded", "whether times of day are known; claims about them are not tested on estimates"
+    )
     tuned: dict[str, dict[str, Any]] = option(
         {}, "kind or method: options that were chosen on a validation part of this dataset's training recordings"
     )
@@ -101,6 +104,10 @@ class Dataset(_Shown, FileFormat, Site):
     def recording(self, name: str) -> Recording:
         """The recording of that name."""
         return next(one for one in self.recordings if one.name == name)
+
+    def days(self, split: str) -> dict[str, str]:
+        """The day of each recording of a split."""
+        return {one.name: one.day for one in self.of_split(split)}
 
     def same_day(self, name: str) -> list[str]:
         """Names of the other recordings of a recording's day: their people were there as well."""

@@ -11,7 +11,7 @@ from scipy import stats
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import with_median
-from modlhmp.forecasting.observe import Observed, current_velocity, observation_weights, observe, usable_tracks
+from modlhmp.forecasting.observe import Observed, current_velocity, observation_weights, observe
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.maps.base import HourlyMod
@@ -20,7 +20,7 @@ from modlhmp.maps.cliff import CliffMap
 from modlhmp.maps.stef import StefMap
 from modlhmp.site import Site
 from modlhmp.streams import stream_keys, uniforms
-from modlhmp.tracks import Tracks
+from modlhmp.tracks import Tracks, usable_tracks
 
 NAMES = ("hall", "cliff", "day1")
 SITE = Site(observed_rows=4, horizon_s=10.0, time_step_s=1.0)
