@@ -126,7 +126,13 @@ def all_kinds() -> dict[str, Kind]:
     """Every kind by name: the library's own, then those of other packages in the order of their names."""
     known = {kind.name: kind for kind in BUILT_IN}
     for point in sorted(entry_points(group=GROUP), key=lambda one: one.name):
-        kind = point.load()
+        try:
+            kind = point.load()
+        except Exception as error:  # whatever a package's own module raises
+            raise DataError(
+                f"entry point {point.name} = {point.value} of {GROUP}: it cannot be loaded ({type(error).__name__}: "
+                f"{error}); mend or uninstall that package"
+            ) from error
         if not isinstance(kind, Kind):
             raise DataError(f"entry point {point.name} = {point.value} of {GROUP}: it names no modlhmp.kinds.Kind")
         if kind.name in known:

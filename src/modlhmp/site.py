@@ -36,7 +36,9 @@ class Site:
     hours: tuple[Hour, Hour] | None = option(
         None, "clock hours that get a map, [first, one after the last]; null: all with training data"
     )
-    time_step_s: Positive = option(1.0, "time step of the cleaned tracks and of forecasts [s]")
+    time_step_s: Annotated[float, Ge(0.01), Le(60)] = option(
+        1.0, "time step of the cleaned tracks and of forecasts [s]"
+    )
     observed_rows: int = option(4, "rows that a forecaster sees; the last one is at t0 (at least 2)")
     horizon_s: Seconds = option(60.0, "longest horizon [s], a multiple of the time step")
     velocity: Literal["as_recorded", "differences"] = option(

@@ -35,7 +35,8 @@ def errors(recordings, number, error_m, horizon=10):
     """An errors table of one method without randomness: `error_m` at every step of every track."""
     rows = [
         {"recording": name, "output": "single", "protocol": protocol, "track_id": track, "seed": 0,
-         "eligible_steps": horizon, "alive_steps": horizon, "ade": [error_m] * horizon, "fde": [error_m + track / 100] * horizon}
+         "eligible_steps": horizon, "alive_steps": horizon,
+         "ade": [error_m] * horizon, "fde": [error_m + track / 100] * horizon}
         for name in recordings for protocol in PROTOCOLS for track in range(number)
     ]  # fmt: skip
     table = pa.Table.from_pylist(rows)

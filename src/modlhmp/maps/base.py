@@ -77,7 +77,8 @@ def hours_mapped(tracks: Tracks, site: Site) -> list[int]:
 
 def hour_files(folder: str | Path) -> dict[int, Path]:
     """{clock hour: file} of a map that lies in a folder by hours, such as 09.parquet."""
-    return {int(file.stem): file for file in sorted(Path(folder).glob("[0-2][0-9].parquet"))}
+    files = {int(file.stem): file for file in sorted(Path(folder).glob("[0-2][0-9].parquet"))}
+    return {hour: file for hour, file in files.items() if hour < 24}
 
 
 def read_map(

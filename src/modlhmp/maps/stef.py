@@ -1,6 +1,6 @@
 """STeF-map: in each cell, how likely people walk into each of a few directions, as periodic functions of time.
 
-Paper Sec. III-B.3; S. Molina et al., The STeF-map, 2022. Detections are counted by direction and interval,
+Paper Sec. III-C.3; S. Molina et al., The STeF-map, 2022. Detections are counted by direction and interval,
 normalised by the busiest direction of that cell and interval, and each direction's signal goes through FreMEn.
 """
 
@@ -187,7 +187,7 @@ def _sample(x, y, uniforms, index, origin, resolution, radius, cell_x, cell_y, p
                 rest -= probabilities[row, o]
                 if rest <= 0.0:
                     break
-        angle = chosen * 2.0 * np.pi / orientations  # theta_stef,i of Sec. III-B.3
+        angle = chosen * 2.0 * np.pi / orientations  # theta_stef,i of Sec. III-C.3
         heading[i] = angle if angle <= np.pi else angle - 2.0 * np.pi
         log_fitness[i] = np.log(probabilities[row, chosen])
     return heading, log_fitness, found

@@ -1,4 +1,4 @@
-"""Time-conditioned CLiFF-map: a CLiFF-map for every clock hour that has training data (paper Sec. III-B.2)."""
+"""Time-conditioned CLiFF-map: a CLiFF-map for every clock hour that has training data (paper Sec. III-C.2)."""
 
 import logging
 from pathlib import Path
