@@ -38,7 +38,7 @@ from modlhmp.streams import stream_keys, uniforms
 from modlhmp.study import runtime
 from modlhmp.study.demo import RECORDINGS, write_recording
 from modlhmp.study.layout import Layout
-from modlhmp.study.settings import load_run
+from modlhmp.study.configuration import load_run
 from modlhmp.tracks import clock_hours, clock_time, concatenate, read_tracks, write_tracks
 
 ROOT = Path(__file__).parents[1]

@@ -8,7 +8,7 @@ import yaml
 from modlhmp.study.exhibits.of_places import EXHIBITS
 from modlhmp.study.layout import Layout
 from modlhmp.study.plan import Plan
-from modlhmp.study.settings import load_datasets, load_run
+from modlhmp.study.configuration import load_datasets, load_run
 
 CONFIG = Path(__file__).parents[2] / "config"
 RECORDS = {exhibit.name: exhibit for exhibit in EXHIBITS}

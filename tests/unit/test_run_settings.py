@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from modlhmp.options import ConstantVelocity, Episodes, Learning, NeuralMap, RollOut, Snippets, Tutr
 from modlhmp.settings import as_plain, build
 from modlhmp.storage import DataError
-from modlhmp.study.settings import RunSettings, load_datasets, load_run
+from modlhmp.study.configuration import load_datasets, load_run
+from modlhmp.study.settings import RunSettings
 
 DATASETS = Path(__file__).parents[2] / "config/datasets"
 FEW = settings(max_examples=30, deadline=None, derandomize=True)
@@ -490,6 +491,88 @@ def test_what_is_tuned_for_a_network_may_be_its_learning(config):
 
 
 # --- datasets of a run --------------------------------------------------------------------------------------
+
+
+# --- inheritance ------------------------------------------------------------------------------------------------------
+
+
+def test_a_method_starts_from_another_s_options_with_what_is_tuned_for_it(config):
+    config["methods"] |= {
+        "wide": {"inherits": "tc_cliff", "options": {"sampling_radius_m": 2.0}},
+        "wider": {"inherits": "wide", "title": "Wider", "options": {"k": 7}},
+    }
+    run = load(config)
+    tuned = {"wide": {"beta": 9.0}, "tc_cliff": {"exits": True}}
+    base, wide, wider = (run.method(name, tuned).options for name in ("tc_cliff", "wide", "wider"))
+    assert run.kind("wider").name == "tc_cliff"
+    assert wide == dataclasses.replace(base, sampling_radius_m=2.0, beta=9.0)
+    assert wider == dataclasses.replace(wide, k=7)
+
+
+def test_across_kinds_what_both_have_is_inherited(config):
+    config["methods"] |= {
+        "many": {"kind": "tc_cliff", "options": {"k": 60, "exits": True, "beta": 3.0}},
+        "pieces": {"kind": "snippets", "inherits": "many", "options": {"length_s": 1}},
+    }
+    found = load(config).method("pieces").options
+    assert found == dataclasses.replace(load(config).method("snippets").options, k=60, exits=True, length_s=1)
+
+
+def test_a_network_inherits_its_learning(config):
+    config["methods"] |= {
+        "one": {"kind": "lstm", "options": {"seed": 4, "hidden": 16}}, "two": {"inherits": "one", "options": {"rotate": False}}
+    }  # fmt: skip
+    one, two = (load(config).method(name) for name in ("one", "two"))
+    assert two.learning == one.learning
+    assert two.options == dataclasses.replace(one.options, rotate=False)
+
+
+@pytest.mark.parametrize(
+    ("methods", "message"),
+    [
+        ({"a": {"inherits": "tc_clif"}}, "methods.a: say of which `kind` it is"),
+        ({"a": {"kind": "cliff", "inherits": "tc_clif"}}, "methods.a.inherits: no method named 'tc_clif'; did you mean"),
+        ({"a": {"kind": "cliff", "inherits": "b"}, "b": {"inherits": "a"}}, "inherits: a inherits from b, too"),
+        ({"a": {"inherits": "a"}}, "methods.a"),
+    ],
+)
+def test_what_cannot_be_inherited(config, methods, message):
+    config["methods"] |= methods
+    assert message in refused(config)
+
+
+@pytest.fixture(params=["config.yaml", "ladder.yaml"])
+def climbed(shipped, request):
+    return load(shipped[request.param])
+
+
+def datasets_tuned(config_folder):
+    """What each dataset file has tuned, and nothing."""
+    for file in config_folder.glob("datasets/*.yaml"):
+        yield file.stem, yaml.safe_load(file.read_text()).get("tuned", {})
+
+
+def test_a_rung_changes_one_thing(climbed, config_folder):
+    """Within a kind one option that the row names; between kinds the kind, and no option that both have."""
+    rungs = [method for method, _ in climbed.rungs]
+    assert rungs
+    for above, rung in pairwise(rungs):
+        if climbed.members(rung):
+            continue  # a mean: what changes is who is averaged
+        named = {}
+        for dataset, tuned in datasets_tuned(config_folder):
+            one, other = (climbed.method(name, tuned) for name in (above, rung))
+            options = [as_plain(side.options) for side in (one, other)]
+            changed = {key for key in options[0].keys() & options[1].keys() if options[0][key] != options[1][key]}
+            own = {*climbed.methods[rung].options, *tuned.get(rung, {})} if rung in climbed.methods else set()
+            if one.kind == other.kind and not climbed.members(above):
+                assert changed <= own, (dataset, above, rung, changed)
+                named[dataset] = own
+                assert one.learning == other.learning
+            else:
+                assert not changed, (dataset, above, rung, changed)
+        assert all(len(own) <= 1 for own in named.values()), (rung, named)
+        assert not named or any(named.values()), f"{rung}: nothing changes in any dataset"
 
 
 @pytest.fixture

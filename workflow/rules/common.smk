@@ -21,7 +21,7 @@ from modlhmp.study.plan import (
     SITE_KEYS,
     Plan,
 )
-from modlhmp.study.settings import load_datasets, load_run
+from modlhmp.study.configuration import load_datasets, load_run
 from modlhmp.study.versions import code_version
 
 # For the jobs, read when PyTorch loads OpenMP: threads that wait by spinning stall other processes.

@@ -1,0 +1,155 @@
+"""Load the configuration of a run and its datasets, with all checks that types cannot say."""
+
+import dataclasses
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from modlhmp import kinds, options
+from modlhmp.datasets import Dataset, load_dataset, validation_part
+from modlhmp.settings import check, unknown
+from modlhmp.storage import DataError
+from modlhmp.study.settings import RunSettings
+
+
+def load_run(config: Mapping[str, Any], datasets_folder: str | Path) -> RunSettings:
+    """The run that a configuration describes; `DataError` that names every key that is wrong, and the remedy."""
+    run = check(RunSettings, dict(config), "configuration")
+    if not re.fullmatch("[A-Za-z0-9_-]+", run.run):
+        raise DataError(f"configuration, run: {run.run!r}: a name of letters, digits, _ and - only")
+    studies = run.studies
+    lists: dict[str, tuple[Any, ...]] = {
+        "datasets": run.datasets, "compare": run.compare, "seeds": run.seeds, "studies.beta": studies.beta,
+        "studies.sampling_radius_m": studies.sampling_radius_m, "studies.training.shares": studies.training.shares,
+        "uncertainty.methods": run.uncertainty.methods,
+    }  # fmt: skip
+    for key, values in lists.items():
+        if len(set(values)) < len(values):
+            raise DataError(f"configuration, {key}: {list(values)} has non-unique elements")
+    if 0 in run.studies.training.shares:
+        raise DataError("configuration, studies.training.shares: 0: a share is above 0")
+    _check_sections(run)
+    _check_entries(run)
+    _check_names(run)
+    known = sorted(file.stem for file in Path(datasets_folder).glob("*.yaml"))
+    for name in run.datasets:
+        if name not in known:
+            raise DataError(unknown("configuration, datasets", "dataset", name, known))
+    return run
+
+
+def _check_entries(run: RunSettings) -> None:
+    """Kinds, options and members of every method."""
+    for name, entry in run.entries.items():
+        if not re.fullmatch("[A-Za-z0-9_-]+", name):
+            raise DataError(f"configuration, methods: {name!r}: a name of letters, digits, _ and - only")
+        known = [
+            kind.name for kind in kinds.all_kinds().values() if kind.forecasts is not None or kind.name == "average"
+        ]
+        if not entry.kind:
+            raise DataError(f"configuration, methods.{name}: say of which `kind` it is: {', '.join(known)}")
+        if entry.kind not in known:
+            raise DataError(
+                unknown(f"configuration, methods.{name}.kind", "kind", entry.kind, known, kinds.NOT_INSTALLED)
+            )
+        for member in run.members(name):
+            if member not in run.entries:
+                raise DataError(unknown(f"configuration, methods.{name}.options.of", "method", member, run.entries))
+            if not run.kind(member).one_path:
+                paths = [kind.name for kind in kinds.all_kinds().values() if kind.one_path]
+                raise DataError(
+                    f"configuration, methods.{name}.options.of: {member} has no single path to be averaged; "
+                    f"kinds that have one are {', '.join(sorted(paths))}"
+                )
+        if entry.kind == "average" and len(run.members(name)) < 2:
+            raise DataError(f"configuration, methods.{name}.options.of: name at least two methods to be averaged")
+        run.averaged_parts(name)
+        run.method(name)
+
+
+def _check_sections(run: RunSettings) -> None:
+    """What maps are built with, and the budgets of networks."""
+    for section, given in run.maps.items():
+        built = {k.name: k for k in kinds.all_kinds().values() if k.building is not None and not k.built_like}
+        if section not in built:
+            raise DataError(unknown("configuration, maps", "map", section, built))
+        check(built[section].building, given, "configuration", within=f"maps.{section}")  # type: ignore[arg-type]
+    for budget, networks in run.budgets.items():
+        learned = {k.name: k for k in kinds.all_kinds().values() if k.learned}
+        for network, given in networks.items():
+            if network not in learned:
+                raise DataError(unknown(f"configuration, budgets.{budget}", "network", network, learned))
+            check(learned[network].options, given, "configuration", within=f"budgets.{budget}.{network}")
+
+
+def _check_names(run: RunSettings) -> None:
+    """Every method that a section names exists, and can do what is asked of it."""
+    named = {
+        "compare": run.compare,
+        "studies.method": [run.studies.method],
+        "studies.training.methods": run.studies.training.methods,
+        "uncertainty.methods": run.uncertainty.methods,
+        "comparisons": [name for pair in run.comparisons for name in pair],
+        "ladder.reference": [run.ladder.reference],
+        "ladder.rows": [method for method, _ in run.ladder.rows],
+        "ladder.beside": [name for *pair, _ in run.ladder.beside for name in pair],
+    }
+    for key, names in named.items():
+        for name in names:
+            if name not in run.entries:
+                raise DataError(unknown(f"configuration, {key}", "method", name, run.entries, kinds.NOT_INSTALLED))
+    for name in run.studies.training.methods:
+        if not run.kind(name).from_share:
+            able = [kind.name for kind in kinds.all_kinds().values() if kind.from_share and kind.forecasts]
+            raise DataError(f"configuration, studies.training: {name} is of none of the kinds {', '.join(able)}")
+    if not run.kind(run.studies.method).sampled:
+        raise DataError(
+            f"configuration, studies.method: {run.studies.method} has no map to sample, so neither beta nor r_s"
+        )
+    for name in run.uncertainty.methods:
+        if not run.kind(name).has_map:
+            able = [kind.name for kind in kinds.all_kinds().values() if kind.has_map and kind.forecasts]
+            raise DataError(
+                f"configuration, uncertainty.methods: {name} has no samples to score; methods that have some are of "
+                f"the kinds {', '.join(able)}"
+            )
+
+
+def load_datasets(
+    run: RunSettings, folder: str | Path, data_root: str | Path, demo_root: str | Path
+) -> dict[str, Dataset]:
+    """The datasets of a run by name, each checked, and together.
+
+    Exhibits of two must not overwrite each other, nor pass for the demo's; options that a file has `tuned` must be of a
+    kind or method that exists, and ones that it takes.
+    """
+    found = {name: load_dataset(Path(folder) / f"{name}.yaml", data_root, demo_root) for name in run.datasets}
+    labels = [dataset.label for dataset in found.values()]
+    if twice := {label for label in labels if labels.count(label) > 1}:
+        names = [name for name, dataset in found.items() if dataset.label in twice]
+        raise DataError(f"datasets {', '.join(names)}: their exhibits carry the same `label`; change one")
+    if run.run == "demo" and not all(dataset.demo for dataset in found.values()):
+        raise DataError("configuration, run: `demo` is for the demo's recordings; give your run another name")
+    for dataset in found.values():
+        _check_tuned(run, dataset, Path(folder) / f"{dataset.name}.yaml")
+    if run.evaluate_on == "validation":
+        return {name: validation_part(dataset) for name, dataset in found.items()}
+    return found
+
+
+def _check_tuned(run: RunSettings, dataset: Dataset, file: Path) -> None:
+    tunable = {name: entry for name, entry in run.entries.items() if entry.kind != "average"}
+    for name, given in dataset.tuned.items():
+        source = f"{file}, tuned"
+        if name not in tunable:
+            raise DataError(unknown(source, "kind or method", name, tunable))
+        allowed = [run.kind(name).options, *([options.Learning] if run.kind(name).learned else [])]
+        known = {f.name for cls in allowed for f in dataclasses.fields(cls)}
+        for key in given:
+            if key not in known:
+                raise DataError(unknown(f"{source}.{name}", "option", key, known))
+        try:
+            run.method(name, dataset.tuned)
+        except DataError as error:
+            raise DataError(f"{source}: {error}") from None
