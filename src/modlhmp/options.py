@@ -74,7 +74,7 @@ class RollOut:
         "dataset", "`dataset`: what the dataset says, averaged as in the paper; `differences`: of positions, as vectors"
     )
     output: Literal["ranked", "geometric_median", "medoid", "modes"] = option(
-        "ranked", "the result: the likeliest future, or as for maps with memory, of all futures still on the map"
+        "ranked", "the result: the likeliest future, or what `episodes` has, of all futures that are still on the map"
     )
     exits: bool = option(False, "whether futures may leave by the ways out that people took")
 
