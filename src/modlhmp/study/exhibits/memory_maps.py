@@ -39,7 +39,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
     handles = [
         Line2D([], [], label="observed", **paths.OBSERVED),
         Line2D([], [], label="truth", **paths.TRUTH),
-        Line2D([], [], label="the result (by default, geometric median of those still there)", **RESULT),
+        Line2D([], [], label="result (default: geometric median)", **RESULT),
         Line2D([], [], label="single replays or particles (20 of them)", **{**SAMPLE, "alpha": 1}),
         Line2D([], [], label="left through an exit", **LEFT),
     ]
