@@ -15,20 +15,19 @@ from modlhmp.cleaning import check_rules, clean_recording
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.futures import Futures, Scores, whole_steps
 from modlhmp.kinds import find
-from modlhmp.maps.base import HourlyMod, hour_files
+from modlhmp.maps.base import DAY, hour_files
 from modlhmp.methods import build_map as build_tables
-from modlhmp.methods import forecaster_of
+from modlhmp.methods import by_hours, forecaster_of
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.protocols import score as score_forecast
 from modlhmp.settings import as_plain, check, unknown
-from modlhmp.site import Site
+from modlhmp.site import Site, check_site
 from modlhmp.storage import DataError, read_metadata, read_parquet, write_parquet
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks, together
 from modlhmp.tracks import read_tracks as read_clean_tracks
 
 KEY = ("modlhmp", "forecast", "")  # takes the place of (dataset, method, recording) in the random numbers
-DAY = "day.parquet"  # the whole-day table of a map that is saved by hours
 MOST_POSITIONS = 500_000_000  # of a forecast; more would not fit in memory
 LONGEST_S = 3600.0  # of a forecast; more is a wrong unit
 
@@ -54,7 +53,7 @@ def read_tracks(
     `DataError` names the file, the row or option, the value and the remedy.
     """
     suffix = path_of("read_tracks", path).suffix
-    is_dataset = suffix in {".yaml", ".yml"}
+    path, is_dataset = path_of("read_tracks", path), suffix in {".yaml", ".yml"}
     asked = {"day": day, "start": start, "data_root": data_root, "split": split, **form}
     taken = {"data_root", "split"} if is_dataset else set() if suffix == ".parquet" else {"day", "start", *form}
     if unused := [name for name, value in asked.items() if value is not None and name not in taken]:
@@ -65,13 +64,18 @@ def read_tracks(
     if is_dataset:
         from modlhmp.datasets import load_dataset  # noqa: PLC0415 - only dataset files need it
 
-        dataset = load_dataset(path, Path(path).parent if data_root is None else data_root)
+        root = path.parent if data_root is None else path_of("read_tracks, data_root", data_root)
+        dataset = load_dataset(path, root)
+        if split not in (None, *(one.split for one in dataset.recordings)):
+            raise DataError(f"read_tracks: {path}: split {split!r}: it has `train` and `test`")
         return together(
             clean_recording(Path(one.stored, one.member) if one.member else one.path, dataset, one)[0]
             for one in dataset.of_split(split)
         )
     columns = form.get("columns")
     by_name = isinstance(columns, Mapping) and any(isinstance(column, str) for column in columns.values())
+    if day is not None and not (isinstance(day, str) and day):
+        raise DataError(f"read_tracks: day {day!r}: give an ISO date such as '2012-10-24'")
     described = check(FileFormat, {"header": by_name, **form}, "read_tracks")
     if described.reader == "delimited" and described.columns is None:
         raise DataError(f'read_tracks: {path}: say which `columns` hold what, such as columns={{"track_id": 0, ...}}')
@@ -94,10 +98,13 @@ class Map:
 
     def __post_init__(self) -> None:
         hourly = map_kind(self.kind).hourly
-        if not isinstance(self.site, Site):
-            raise DataError(f"Map: site is {type(self.site).__name__}; give modlhmp.Site(...)")
-        if not isinstance(self.hours, Mapping) or not all(isinstance(hour, int) for hour in self.hours):
-            raise DataError("Map: hours: give {clock hour: pyarrow.Table}")
+        if self.site is None:
+            raise DataError("Map: site is None; give modlhmp.Site(...)")
+        hours = self.hours
+        if not isinstance(hours, Mapping) or not all(isinstance(hour, Integral) and 0 <= hour < 24 for hour in hours):
+            raise DataError("Map: hours: give {clock hour from 0 to 23: pyarrow.Table}")
+        object.__setattr__(self, "site", site_of(self.site))
+        object.__setattr__(self, "hours", {int(hour): table for hour, table in hours.items()})
         tables = [*self.hours.values(), *([] if self.whole is None else [self.whole])]
         if not all(isinstance(table, pa.Table) for table in tables):
             raise DataError("Map: its tables must be pyarrow.Table")
@@ -123,6 +130,9 @@ class Map:
                 write_parquet(table, file, kind=self.kind, site=as_plain(self.site), **of)
         except OSError as error:
             raise DataError(f"{path}: cannot be written ({error})") from None
+        if hourly and path.is_dir():  # hours of a map that lay there before are not this one's
+            for file in {*hour_files(path).values(), path / DAY} - files.keys():
+                file.unlink(missing_ok=True)
 
     def model(self, options: Any) -> Any:
         """The map ready to be asked with a method's options."""
@@ -130,7 +140,7 @@ class Map:
         if not find(self.kind).hourly:
             return module.load(self.whole, self.site, options)
         hours = {hour: module.load(table, self.site, options) for hour, table in self.hours.items()}
-        return HourlyMod(hours, self.site.timezone)
+        return by_hours(find(self.kind), hours, self.whole, self.site, options)
 
 
 def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: Any) -> Map:
@@ -174,6 +184,12 @@ def load_map(path: str | Path) -> Map:
     if isinstance(said, Mapping):  # a dataset's site has more keys
         said = {field.name: said[field.name] for field in dataclasses.fields(Site) if field.name in said}
     kind, site = find(origin["kind"]), check(Site, said, f"{first}: its site")
+    check_site(site, f"{first}: its site")
+    for hour, file in files.items():
+        if (own := read_metadata(file)) | {"hour": 0} != origin | {"hour": 0} or own.get("hour", hour) != hour:
+            raise DataError(
+                f"{file}: it is of another map, or of another hour, than its neighbours; build the map again"
+            )
     if kind.hourly != path.is_dir():
         parts = "one file per hour: give the folder that holds them" if kind.hourly else "one file: give that"
         raise DataError(f"{path}: a map of kind {kind.name} is {parts}")

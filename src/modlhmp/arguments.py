@@ -1,5 +1,6 @@
 """What users hand in, checked: `DataError` names the argument, its value and the remedy."""
 
+import dataclasses
 import os
 from os import PathLike
 from pathlib import Path
@@ -16,18 +17,25 @@ from modlhmp.site import Site, check_site
 from modlhmp.storage import DataError
 from modlhmp.tracks import MAX_GAP_S, Tracks, usable_tracks
 
+SITE_KEYS = {field.name for field in dataclasses.fields(Site)}
+LATEST_S = 1e11  # of a time in unix s: the year 5138; one in ms is beyond
+FASTEST_M_S = 100.0  # a recorded speed beyond is in another unit
+USUAL_M_S = 10.0  # of half of all steps: nobody walks so
+START_M = 1.0  # what a history may differ from the truth at t0
+
 
 def site_of(site: Any, of_map: Site | None = None) -> Site:
     """The site asked for, checked like a dataset file's; beside a map only the map's own."""
-    if site is None or site == of_map:
+    if site is None:
         return of_map or Site()
     if not isinstance(site, Site):
         raise DataError(f"site is {type(site).__name__}; give modlhmp.Site(timezone=..., time_step_s=...)")
-    if of_map is not None:
+    plain = {key: value for key, value in as_plain(site).items() if key in SITE_KEYS}  # a dataset is a site, too
+    checked = check(Site, plain, "site")
+    check_site(checked, "site")
+    if of_map is not None and checked != of_map:
         raise DataError("site: the map has a site of its own, and this one differs from it; leave it out")
-    check(Site, as_plain(site), "site")
-    check_site(site, "site")
-    return site
+    return checked
 
 
 def map_kind(name: str) -> Kind:
@@ -68,19 +76,35 @@ def check_tracks(where: str, tracks: Tracks, site: Site) -> None:
             raise DataError(f"{where}: column {name} of the tracks: give a 1-d numpy array of {kind}")
         if len(values) != len(tracks.track_id):
             raise DataError(f"{where}: column {name} has {len(values)} rows, track_id has {len(tracks.track_id)}")
-    if not np.isfinite(tracks.t).all():
-        row = int(np.argmin(np.isfinite(tracks.t)))
-        raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not a time in unix s")
+    if (bad := ~(np.abs(tracks.t) < LATEST_S)).any():  # also NaN
+        row = int(np.argmax(bad))
+        raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not a time in unix s; is it in ms?")
+    if (bad := (tracks.speed < 0) | (tracks.speed > FASTEST_M_S) | (np.abs(tracks.heading) > 2 * np.pi + 0.01)).any():
+        row = int(np.argmax(bad))
+        moves = f"speed {tracks.speed[row]:g}, heading {tracks.heading[row]:g}"
+        raise DataError(f"{where}: row {row}: {moves}: speeds are from 0 to {FASTEST_M_S:g} m/s, headings in rad")
+    if len(tracks.bounds()) - 1 > len(np.unique(tracks.track_id)):
+        ids, counts = np.unique(tracks.track_id[tracks.bounds()[:-1]], return_counts=True)
+        raise DataError(f"{where}: track {ids[counts > 1][0]} stands in several places; sort by track, then time")
     same = np.diff(tracks.track_id) == 0
     apart = np.diff(tracks.t)[same]
     if len(apart) and apart.min() <= 0:
         row = int(np.flatnonzero(same)[apart.argmin()]) + 1
         raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not after the row before; sort by track, then time")
+    moved = np.hypot(np.diff(tracks.x)[same], np.diff(tracks.y)[same]) / apart
+    if len(apart) and (usual := float(np.nanmedian(np.append(moved, 0.0)))) > USUAL_M_S:
+        raise DataError(
+            f"{where}: half of all steps are faster than {usual:.3g} m/s; are positions in m (not cm, mm), times in s?"
+        )
     step = float(np.median(apart)) if len(apart) else site.time_step_s
     if not 0.8 <= step / site.time_step_s <= 1.25:
         raise DataError(
-            f"{where}: tracks have a row every {step:g} s, the site's time_step_s is {site.time_step_s:g}; give "
-            "read_tracks and Site the same one"
+            f"{where}: tracks have a row every {step:g} s, the site's time_step_s is {site.time_step_s:g}; "
+            + (
+                "are the times in ms?"
+                if 500 < step / site.time_step_s < 2000
+                else "give read_tracks and Site the same one"
+            )
         )
 
 
@@ -107,8 +131,11 @@ def last_rows(history: Tracks | np.ndarray, site: Site) -> Observed:
     nowhere = ~(np.isfinite(tracks.x[rows]) & np.isfinite(tracks.y[rows])).all(axis=1)
     if nowhere.any():
         raise DataError(f"history: walker {whose[nowhere][0]}: a position in {last} is not a number")
-    if site.velocity == "as_recorded" and not np.isfinite(tracks.speed[rows]).all():
-        raise DataError("history: the site's velocity is as_recorded, but rows lack speeds; use velocity=`differences`")
+    recorded = np.isfinite(tracks.speed[rows]) & np.isfinite(tracks.heading[rows])
+    if site.velocity == "as_recorded" and not recorded.all():
+        raise DataError(
+            "history: the site's velocity is as_recorded, but rows lack speeds or headings; use velocity=`differences`"
+        )
     nobody = np.empty((len(rows), 0, seen, 2))
     return Observed(whose, *(column[rows] for column in tracks[1:]), nobody)  # type: ignore[call-arg]
 
@@ -129,13 +156,14 @@ def path_of(where: str, path: Any) -> Path:
     """A path that the file system can have, whether anything lies there or not."""
     if not isinstance(path, str | PathLike) or not os.fspath(path) or isinstance(os.fspath(path), bytes):
         raise DataError(f"{where}: path {path!r}: give a file's path as text")
+    path = Path(path).expanduser()
     try:
         os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
         pass
     except (OSError, ValueError) as error:
         raise DataError(f"{where}: path {str(path)[:80]!r}: give a file's path ({error})") from None
-    return Path(path)
+    return path
 
 
 def numbers(name: str, values: Any) -> np.ndarray:
@@ -164,8 +192,17 @@ def truth_of(futures: Futures, truth: Tracks, site: Site, steps: int) -> tuple[n
     xy, length = np.full((len(rows), steps, 2), np.nan), np.zeros(len(rows), np.int64)
     for number, (first, last) in enumerate(rows):
         at = first + int(np.searchsorted(truth.t[first : last + 1], futures.t0[number] - 1e-6))
+        walker = futures.track_id[number]
         if at > last or abs(truth.t[at] - futures.t0[number]) > 1e-3:
             raise DataError(f"truth: track {truth.track_id[first]} has no row at t0 = {futures.t0[number]:.3f}")
+        apart = np.hypot(truth.x[at] - futures.start[number, 0], truth.y[at] - futures.start[number, 1])
+        if not apart <= START_M:
+            raise DataError(
+                f"truth: walker {walker} of the futures starts {apart:.1f} m from where that track is at t0; "
+                "are they the same people? An array's walkers are numbered from 0"
+            )
+        if not (np.isfinite(truth.x[at : last + 1]) & np.isfinite(truth.y[at : last + 1])).all():
+            raise DataError(f"truth: track {walker} has positions that are not numbers; leave such rows out")
         if int(truth.track_id[first]) in usable:
             found, seconds = ground_truth(truth, np.array([[at, last]]), 1, steps, site.time_step_s)
             xy[number], length[number] = found[0], seconds[0]

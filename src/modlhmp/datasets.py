@@ -21,9 +21,8 @@ from modlhmp.site import Site, check_site
 from modlhmp.storage import DataError
 from modlhmp.yaml_file import read_yaml
 
-Hour = Annotated[int, Ge(0), Le(24)]
 VALIDATION_DAYS = 0.3
-REQUIRED = ("title", "reader", "timezone", "hours", "recordings", "horizon_s", "velocity", "citation", "terms")
+REQUIRED = ("title", "reader", "timezone", "recordings", "horizon_s", "velocity", "citation", "terms")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,9 +63,12 @@ class _Shown:
     label: str = option("", "prefix of the exhibits' file names; default: the dataset's name")
     demo: bool = option(False, 'generated recordings; every exhibit then says "demo data"')
     figure_hours: Annotated[tuple[Annotated[int, Ge(0), Le(23)], ...], MaxLen(4)] = option(
-        (), "hours whose maps are drawn, at most 4"
+        (), "hours whose maps are drawn, at most 4; none: the first, a middle and the last with a map"
     )
     areas: tuple[Area, ...] = option((), "areas that figures of forecasts mark")
+    clock: Literal["recorded", "estimated"] = option(
+        "recorded", "whether times of day are known; claims about them are not tested on estimates"
+    )
     tuned: dict[str, dict[str, Any]] = option(
         {}, "kind or method: options that were chosen on a validation part of this dataset's training recordings"
     )
@@ -83,7 +85,6 @@ class _Shown:
 class DatasetFile(_Shown, FileFormat, Site):
     """A dataset file, `config/datasets/<name>.yaml`."""
 
-    hours: tuple[Hour, Hour] = option((0, 24), "clock hours that get a map, [first, one after the last]")
     recordings: Annotated[tuple[Files, ...], MinLen(1)] = option((), "files, and the day and split of each")
     floor_plan: str | None = option(None, "ROS map_server YAML under `data_root`")
 
@@ -103,6 +104,10 @@ class Dataset(_Shown, FileFormat, Site):
     def recording(self, name: str) -> Recording:
         """The recording of that name."""
         return next(one for one in self.recordings if one.name == name)
+
+    def days(self, split: str) -> dict[str, str]:
+        """The day of each recording of a split."""
+        return {one.name: one.day for one in self.of_split(split)}
 
     def same_day(self, name: str) -> list[str]:
         """Names of the other recordings of a recording's day: their people were there as well."""
@@ -136,11 +141,9 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
             raise DataError(
                 f"{path}: no recording has `split: {split}`; maps need training, scores need test recordings"
             )
-    first, last = file.hours
     own = {f.name: getattr(file, f.name) for f in dataclasses.fields(file)}
     return Dataset(**{
         **own, "name": name, "label": label, "recordings": recordings,
-        "figure_hours": file.figure_hours or tuple(sorted({first, (first + last - 1) // 2, last - 1})),
         "floor_plan": _floor_plan_files(file, root),
     })  # fmt: skip
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from annotated_types import MaxLen, MinLen
+from annotated_types import Ge, Le, MaxLen, MinLen
 
 from modlhmp.settings import Positive, WholeFrom0, WholeFrom1, option
 from modlhmp.site import check_timezone
@@ -51,7 +51,9 @@ class FileFormat:
         "delimited", "form of the files; `delimited` reads any CSV by `columns`, `header`, `separator` and `units`"
     )
     timezone: str = option("UTC", "tz database name of the place, such as Asia/Tokyo")
-    time_step_s: Positive = option(1.0, "time step of the cleaned tracks and of forecasts [s]")
+    time_step_s: Annotated[float, Ge(0.01), Le(60)] = option(
+        1.0, "time step of the cleaned tracks and of forecasts [s]"
+    )
     cleaning: tuple[str | dict[str, dict[str, Any]], ...] = option(
         ("single_row", "gap_over_5s"), "rules of modlhmp.cleaning, applied in this order"
     )

@@ -55,7 +55,7 @@ class Futures:
 
     @property
     def paths(self) -> np.ndarray:
-        """The sampled futures, positions [n, k, T, 2] in m, held once they have stopped."""
+        """The sampled futures, positions [n, k, T, 2] in m, held once they have stopped (see `known`)."""
         return self.forecast.samples.xy
 
     @property
@@ -65,10 +65,15 @@ class Futures:
         return lived >= np.arange(1, self.forecast.xy.shape[2] + 1)
 
     @property
+    def known(self) -> np.ndarray:
+        """Whether the map has dynamics where each walker stands [n]; who is unknown stands still, or walks straight."""
+        return self.forecast.steps_alive.max(axis=1) > 0
+
+    @property
     def best(self) -> np.ndarray:
         """The forecast as one path per walker, [n, T, 2] in m.
 
-        Ranked futures: the best ranked at the longest horizon (paper Sec. III-C; the longest on the map first), and so
+        Ranked futures: the best ranked at the longest horizon (paper Sec. III-D; the longest on the map first), and so
         for a medoid, the nearest to the others, and for modes, the likeliest. A method that gives a median or one path:
         that one. Futures of equal standing: their mean.
         """
@@ -134,12 +139,18 @@ class Futures:
         if (cells := (extent[1] - extent[0]) * (extent[3] - extent[2]) / cell_m**2) > MOST_CELLS:
             raise DataError(f"cell_m {cell_m}: the density would have {cells:.2g} cells; give larger ones")
         try:
-            return Density(density(positions, extent, cell_m, spread), extent)
+            found = density(positions, extent, cell_m, spread)
+            rows, columns = found.shape  # whole cells, which may reach beyond what was asked for
+            covered = (extent[0], extent[0] + columns * cell_m, extent[2], extent[2] + rows * cell_m)
+            return Density(found, covered)
         except ValueError as error:
             raise DataError(f"extent {extent}: {error}") from None
 
     def left(self, at_s: float) -> np.ndarray:
-        """Probability [n] that each walker has left by then: the share of the futures that have ended."""
+        """Probability [n] that each walker has left by then: the share of the futures that have ended.
+
+        1 from the start for walkers whom the map does not know; `known` tells them apart.
+        """
         return 1.0 - self.alive[:, :, self._step(at_s)].mean(axis=1)
 
     def _step(self, at_s: float) -> int:

@@ -37,7 +37,6 @@ class Kind:
     building: type | None = None  # settings class of the map's building; None: there is no map
     built_like: str = ""  # the kind whose building options it shares
     hourly: bool = False  # one map per clock hour, each a file of a folder
-    has_whole: bool = False  # an hourly map that has a file beside its hours'
     random: bool = True  # whether forecasts depend on the seed
     one_path: bool = False  # whether its forecast is one path, which can be averaged with others'
     from_share: bool = False  # whether its map can be built again from a share of the training tracks
@@ -93,7 +92,7 @@ def _network(name: str, title: str, sizes: type, **rest: object) -> Kind:
 BUILT_IN = (
     _sampled("cliff", "CLiFF", "modlhmp.maps.cliff", options.CliffBuilding, from_share=True),
     _sampled("tc_cliff", "TC-CLiFF", "modlhmp.maps.tc_cliff", options.CliffBuilding, built_like="cliff", hourly=True),
-    _sampled("stef", "STeF", "modlhmp.maps.stef", options.StefBuilding, hourly=True, has_whole=True),
+    _sampled("stef", "STeF", "modlhmp.maps.stef", options.StefBuilding, hourly=True),
     Kind(
         name="episodes", title="Episodes", options=options.Episodes, module="modlhmp.maps.episodes",
         forecasts="modlhmp.forecasting.replay", building=options.NoBuilding, random=False, one_path=True,
@@ -127,7 +126,13 @@ def all_kinds() -> dict[str, Kind]:
     """Every kind by name: the library's own, then those of other packages in the order of their names."""
     known = {kind.name: kind for kind in BUILT_IN}
     for point in sorted(entry_points(group=GROUP), key=lambda one: one.name):
-        kind = point.load()
+        try:
+            kind = point.load()
+        except Exception as error:  # whatever a package's own module raises
+            raise DataError(
+                f"entry point {point.name} = {point.value} of {GROUP}: it cannot be loaded ({type(error).__name__}: "
+                f"{error}); mend or uninstall that package"
+            ) from error
         if not isinstance(kind, Kind):
             raise DataError(f"entry point {point.name} = {point.value} of {GROUP}: it names no modlhmp.kinds.Kind")
         if kind.name in known:

@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from modlhmp.forecasting.base import Forecaster
 from modlhmp.kinds import Kind, find
-from modlhmp.maps.base import HourlyMod, hour_files
+from modlhmp.maps.base import DAY, HourlyMod, hour_files
 from modlhmp.maps.exits import with_exits
 from modlhmp.options import Learning
 from modlhmp.settings import as_plain, build
@@ -60,8 +60,19 @@ def load_map(kind: str, path: str | Path, site: Site, options: Any) -> Any:
     module = record.implementation()
     if not record.hourly:
         return module.load(path, site, options)
-    files = hour_files(path)
-    return HourlyMod({hour: module.load(file, site, options) for hour, file in files.items()}, site.timezone)
+    hours = {hour: module.load(file, site, options) for hour, file in hour_files(path).items()}
+    return by_hours(record, hours, Path(path) / DAY, site, options)
+
+
+def by_hours(
+    record: Kind, hours: Mapping[int, Any], whole: str | Path | pa.Table | None, site: Site, options: Any
+) -> HourlyMod:
+    """The loaded maps {hour: map} of a kind as one; with `without_map: whole_day` also that of the whole day."""
+    if getattr(options, "without_map", "stop") == "stop":
+        return HourlyMod(hours, site.timezone)
+    if not hasattr(record.implementation(), "load_whole") or whole is None:
+        raise DataError(f"{record.name} has no map of the whole day: use `without_map: stop`")
+    return HourlyMod(hours, site.timezone, record.implementation().load_whole(whole, site, options))
 
 
 def make_forecaster(

@@ -4,9 +4,22 @@ What they say reaches a result through the parameters of the job that makes it.
 """
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
-from modlhmp.settings import From0, Positive, Share, WholeFrom0, WholeFrom1, WholeFrom2, WholeFrom3, Width, option
+from annotated_types import Ge, Gt, Le
+
+from modlhmp.settings import (
+    From0,
+    Metres,
+    Positive,
+    Share,
+    WholeFrom0,
+    WholeFrom1,
+    WholeFrom2,
+    WholeFrom3,
+    Width,
+    option,
+)
 
 Velocity = Literal["dataset", "differences"]
 
@@ -18,8 +31,8 @@ Velocity = Literal["dataset", "differences"]
 class CliffBuilding:
     """Of CLiFF-maps, whole-day and hourly."""
 
-    resolution_m: Positive = option(1.0, "distance of neighbouring locations [m]")
-    radius_m: Positive = option(1.0, "a location takes the observations within this distance, border included [m]")
+    resolution_m: Metres = option(1.0, "distance of neighbouring locations [m]")
+    radius_m: Metres = option(1.0, "a location takes the observations within this distance, border included [m]")
     min_observations: WholeFrom3 = option(5, "locations with fewer observations have no dynamics")
     bandwidth: Literal["isotropic", "kucner"] = option(
         "isotropic", "rule for the bandwidth of mean shift; `kucner` is the reference builder's"
@@ -30,10 +43,12 @@ class CliffBuilding:
 class StefBuilding:
     """Of STeF-maps."""
 
-    resolution_m: Positive = option(1.0, "size of a cell [m]")
-    orientations: WholeFrom2 = option(8, "directions per cell (k_stef)")
-    interval_s: Positive = option(600.0, "detections are counted in intervals of this length [s] (t_stef)")
-    order: WholeFrom1 = option(2, "periodic parts kept per direction (m_stef)")
+    resolution_m: Metres = option(1.0, "size of a cell [m]")
+    orientations: Annotated[int, Ge(2), Le(360)] = option(8, "directions per cell (k_stef)")
+    interval_s: Annotated[float, Ge(1), Le(86400)] = option(
+        600.0, "detections are counted in intervals of this length [s] (t_stef)"
+    )
+    order: Annotated[int, Ge(1), Le(24)] = option(2, "periodic parts kept per direction (m_stef)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,16 +60,18 @@ class NoBuilding:
 class SnippetBuilding:
     """Of snippet flow maps."""
 
-    cell_m: Positive = option(1.0, "size of a cell [m]")
-    length_s: Positive = option(10.0, "length of what is stored [s]; forecasts may use less")
-    most: WholeFrom1 = option(50, "snippets stored per cell and heading bin; the others are counted")
+    cell_m: Metres = option(1.0, "size of a cell [m]")
+    length_s: Annotated[float, Gt(0), Le(3600)] = option(10.0, "length of what is stored [s]; forecasts may use less")
+    most: Annotated[int, Ge(1), Le(100000)] = option(
+        50, "snippets stored per cell and heading bin; the others are counted"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class ExitBuilding:
     """Of the ways out."""
 
-    cell_m: Positive = option(1.0, "size of a cell [m]")
+    cell_m: Metres = option(1.0, "size of a cell [m]")
 
 
 # --- how forecasts are made -------------------------------------------------------------------------------------------
@@ -66,7 +83,7 @@ class RollOut:
 
     k: WholeFrom1 = option(5, "futures per track")
     beta: From0 = option(1.0, "width parameter of the kernel K in Eq. 2; larger: more like constant velocity")
-    sampling_radius_m: Positive = option(1.0, "r_s: dynamics are looked for within this distance [m]")
+    sampling_radius_m: Metres = option(1.0, "r_s: dynamics are looked for within this distance [m]")
     speed: Literal["constant", "kernel"] = option(
         "constant", "`constant`: the observed speed stays; `kernel`: updated like the heading, as the paper writes"
     )
@@ -77,6 +94,9 @@ class RollOut:
         "ranked", "the result: the likeliest future, or what `episodes` has, of all futures that are still on the map"
     )
     exits: bool = option(False, "whether futures may leave by the ways out that people took")
+    without_map: Literal["stop", "whole_day"] = option(
+        "stop", "of maps by hours, in an hour that has none: `stop` at once, or use the map of the `whole_day`"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +128,7 @@ class Episodes(Alike):
     """Of forecasts with an episode map."""
 
     k: WholeFrom1 = option(25, "persons replayed: those still under way at each second")
-    reach_m: Positive = option(10.0, "persons farther from the walker in this metric are not replayed [m]")
+    reach_m: Metres = option(10.0, "persons farther from the walker in this metric are not replayed [m]")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,9 +136,11 @@ class Snippets(Alike):
     """Of forecasts with a snippet flow map."""
 
     k: WholeFrom1 = option(200, "particles per track")
-    length_s: Positive = option(5.0, "length of a snippet [s], at most the map's")
-    most: WholeFrom1 = option(50, "snippets used per bin, at most the map's; 10 make a compact map")
-    bandwidth_m: Positive = option(
+    length_s: Annotated[float, Gt(0), Le(3600)] = option(5.0, "length of a snippet [s], at most the map's")
+    most: Annotated[int, Ge(1), Le(100000)] = option(
+        50, "snippets used per bin, at most the map's; 10 make a compact map"
+    )
+    bandwidth_m: Metres = option(
         1.2, "how similar a snippet must be to the particle that draws it: a Gaussian's SD [m]"
     )
     exits: bool = option(True, "whether a snippet whose person left takes its particle with it")

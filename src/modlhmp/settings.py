@@ -25,6 +25,7 @@ Width = Annotated[int, Ge(4), MultipleOf(4)]
 From0 = Annotated[float, Ge(0)]
 Positive = Annotated[float, Gt(0)]
 Share = Annotated[float, Ge(0), Le(1)]
+Metres = Annotated[float, Ge(0.01), Le(1000)]  # of a grid or a radius
 Seconds = Annotated[int, Gt(0)] | Annotated[float, Gt(0)]  # whole ones stay whole: tables show 5 for 5
 
 T = TypeVar("T")
@@ -78,6 +79,8 @@ def as_plain(settings: Any) -> Any:
         return {f.name: as_plain(getattr(settings, f.name)) for f in dataclasses.fields(settings)}
     if isinstance(settings, Mapping):
         return {key: as_plain(value) for key, value in settings.items()}
+    if hasattr(settings, "tolist"):  # numpy's numbers and arrays
+        return settings.tolist()
     return [as_plain(value) for value in settings] if isinstance(settings, list | tuple) else settings
 
 

@@ -2,11 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
+
+from annotated_types import Ge, Le
 
 from modlhmp.settings import From0, Positive, Seconds, WholeFrom1, option
 from modlhmp.storage import DataError
+
+Hour = Annotated[int, Ge(0), Le(24)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +33,12 @@ class Site:
     """The clock, the time step and the velocities of one place; a `Dataset` is one, too."""
 
     timezone: str = option("UTC", "tz database name of the place, such as Asia/Tokyo")
-    hours: tuple[int, int] = option((0, 24), "clock hours that get a map, [first, one after the last]")
-    time_step_s: Positive = option(1.0, "time step of the cleaned tracks and of forecasts [s]")
+    hours: tuple[Hour, Hour] | None = option(
+        None, "clock hours that get a map, [first, one after the last]; null: all with training data"
+    )
+    time_step_s: Annotated[float, Ge(0.01), Le(60)] = option(
+        1.0, "time step of the cleaned tracks and of forecasts [s]"
+    )
     observed_rows: int = option(4, "rows that a forecaster sees; the last one is at t0 (at least 2)")
     horizon_s: Seconds = option(60.0, "longest horizon [s], a multiple of the time step")
     velocity: Literal["as_recorded", "differences"] = option(
@@ -50,9 +58,8 @@ class Site:
 def check_site(site: Site, where: str | Path) -> None:
     """Checks that types cannot say; `DataError` begins with `where`."""
     check_timezone(site.timezone, where)
-    first, last = site.hours
-    if first >= last:
-        raise DataError(f"{where}: hours [{first}, {last}] are empty; say [first, one after the last]")
+    if site.hours and site.hours[0] >= site.hours[1]:
+        raise DataError(f"{where}: hours {list(site.hours)} are empty; say [first, one after the last]")
     if site.observed_rows < 2:
         raise DataError(f"{where}: observed_rows {site.observed_rows} is under 2; a velocity takes two rows")
     steps = site.horizon_s / site.time_step_s

@@ -6,6 +6,7 @@ One row per person and time step, sorted by track, then time. Units: s (unix, UT
 from collections.abc import Iterable
 from datetime import datetime
 from functools import lru_cache
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, NamedTuple
 from zoneinfo import ZoneInfo
@@ -41,10 +42,13 @@ class Tracks(NamedTuple):
 
     def seen_by(self, t: float, rows: int = 1) -> "Tracks":
         """The rows up to `t` (s) of the tracks that are there at `t` and have `rows` rows or more by then."""
-        if not np.isscalar(t) or isinstance(t, str | bytes) or not np.isfinite(t):
+        if not isinstance(t, Real) or isinstance(t, bool) or not np.isfinite(float(t)):
             raise DataError(f"seen_by: t {t!r}: give a time in s")
-        if not isinstance(rows, int | np.integer):
+        if not isinstance(rows, Integral) or isinstance(rows, bool):
             raise DataError(f"seen_by: rows {rows!r}: give a whole number")
+        if not all(isinstance(column, np.ndarray) for column in self):
+            raise DataError("seen_by: give every column of the tracks as a numpy array")
+        t, rows = float(t), int(rows)
         bounds = self.bounds()
         first, end = bounds[:-1], bounds[1:]
         seen = np.add.reduceat(self.t <= t, first) if len(first) else first
@@ -84,7 +88,11 @@ def read_tracks(path: str | Path) -> Tracks:
     missing = [name for name in COLUMNS if name not in table.column_names]
     if missing:
         raise DataError(f"{path}: no column {', '.join(missing)}; it is not a track table of this version")
-    return Tracks(*(column(table, name) for name in COLUMNS))
+    for name, kind in COLUMNS.items():
+        found, whole = table.schema.field(name).type, np.issubdtype(kind, np.integer)
+        if not (pa.types.is_integer(found) or (pa.types.is_floating(found) and not whole)):
+            raise DataError(f"{path}: column {name} is {found}, {'whole numbers' if whole else 'numbers'} are needed")
+    return Tracks(*(column(table, name).astype(kind, copy=False) for name, kind in COLUMNS.items()))
 
 
 def runs(first: np.ndarray, counts: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import memory_twins
 import numpy as np
 import pytest
 
-from modlhmp.forecasting.observe import observe, usable_tracks
+from modlhmp.forecasting.observe import observe
 from modlhmp.forecasting.replay import replay
 from modlhmp.maps import episodes
 from modlhmp.maps.episodes import EpisodeMap
@@ -17,7 +17,7 @@ from modlhmp.options import Episodes
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import clock_time, concatenate, empty_tracks
+from modlhmp.tracks import clock_time, concatenate, empty_tracks, usable_tracks
 
 METRIC = Metric(8.0, 8.0, 2.0, 0.0)
 WEIGHTS = [0.48, 0.33, 0.19]

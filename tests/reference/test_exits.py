@@ -10,7 +10,7 @@ import pytest
 
 from modlhmp.forecasting import rollout
 from modlhmp.forecasting.median import with_median
-from modlhmp.forecasting.observe import Observed, current_velocity, observe, usable_tracks, velocity_at_t0
+from modlhmp.forecasting.observe import Observed, current_velocity, observe, velocity_at_t0
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.maps import exits
 from modlhmp.maps.exits import PRIOR_ROWS, WithExits, with_exits
@@ -19,7 +19,7 @@ from modlhmp.options import ConstantVelocity, ExitBuilding, RollOut
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys, uniforms
-from modlhmp.tracks import concatenate, empty_tracks
+from modlhmp.tracks import concatenate, empty_tracks, usable_tracks
 
 STEPS = 12
 SITE = Site(velocity="differences", difference_weights=(0.6, 0.3, 0.1), time_step_s=1.0, timezone="UTC")

@@ -11,7 +11,7 @@ from scipy import stats
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import with_median
-from modlhmp.forecasting.observe import Observed, current_velocity, observation_weights, observe, usable_tracks
+from modlhmp.forecasting.observe import Observed, current_velocity, observation_weights, observe
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.rollout import roll_out
 from modlhmp.maps.base import HourlyMod
@@ -20,7 +20,7 @@ from modlhmp.maps.cliff import CliffMap
 from modlhmp.maps.stef import StefMap
 from modlhmp.site import Site
 from modlhmp.streams import stream_keys, uniforms
-from modlhmp.tracks import Tracks
+from modlhmp.tracks import Tracks, usable_tracks
 
 NAMES = ("hall", "cliff", "day1")
 SITE = Site(observed_rows=4, horizon_s=10.0, time_step_s=1.0)
@@ -271,6 +271,17 @@ def test_hour_of_t0_picks_the_map():
     assert got.steps_alive.tolist() == [[8, 8], [8, 8], [0, 0]]  # no map at 0 h
     moved = got.xy[:, :, -1, 0] - got.xy[:, :, 0, 0]
     np.testing.assert_allclose(moved, 7 * velocity[0][:, None] * [[1, 1], [-1, -1], [0, 0]], atol=1e-4)
+
+
+def test_an_hour_without_a_map_may_use_that_of_the_whole_day():
+    observed, velocity = walkers(15, n=2)
+    observed = observed._replace(t=np.array([[9.5 * 3600], [23 * 3600]]) + 1912982400.0 + np.arange(-3.0, 1.0))
+    east = Field(lambda x, y, v, h: (v, np.zeros(len(x))))
+    west = Field(lambda x, y, v, h: (v, np.full(len(x), np.pi)))
+    got = roll_out(HourlyMod({10: east}, "Europe/London", west), observed, velocity, 8, keys_of(observed, 2), beta=0.0)
+    assert (got.steps_alive == 8).all()
+    moved = got.xy[:, :, -1, 0] - got.xy[:, :, 0, 0]
+    np.testing.assert_allclose(moved, 7 * velocity[0][:, None] * [[1, 1], [-1, -1]], atol=1e-4)
 
 
 # --- independence -------------------------------------------------------------------------------------------

@@ -11,22 +11,18 @@ import pytest
 import twins
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
 
 from modlhmp.floor_plan import OCCUPIED, FloorPlan, occupied_depth
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.files import read_forecasts, write_forecasts
-from modlhmp.forecasting.observe import usable_tracks
 from modlhmp.scoring.errors import displacement_errors, enters_occupied, ground_truth, is_idle
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.protocols import PROTOCOLS, score
 from modlhmp.scoring.recording import score_recording
-from modlhmp.scoring.ttests import holm, paired_test
 from modlhmp.site import IdleFilter, PaperProtocol, Site
 from modlhmp.storage import read_metadata, write_parquet, write_pieces
-from modlhmp.study.comparisons import compare
 from modlhmp.study.summary import Errors, at_horizons, at_own_length, main_output, read_errors, summarise
-from modlhmp.tracks import Tracks, concatenate, empty_tracks
+from modlhmp.tracks import Tracks, concatenate, empty_tracks, usable_tracks
 
 FEW = settings(max_examples=30, deadline=None, derandomize=True)
 SEEDS = st.integers(0, 10**6)
@@ -372,16 +368,12 @@ def test_a_file_in_pieces_is_read_as_one(tables, errors, tmp_path):
             np.testing.assert_array_equal(part, other)
 
 
-def test_errors_at_horizons_are_means_over_the_seeds(tables, errors, tmp_path):
+def test_errors_at_horizons_keep_the_seeds(tables, errors, tmp_path):
     write_parquet(pa.concat_tables(tables).unify_dictionaries(), tmp_path / "errors.parquet")
     found = at_horizons(tmp_path / "errors.parquet", [2.0, 7.0], 1.0)
     for key, one in errors.items():
         for metric in ("ade", "fde"):
-            expected = [
-                [twins.mean([v for v in seeds if not math.isnan(v)]) for seeds in track.T]
-                for track in getattr(one, metric)[:, :, [1, 6]].transpose(1, 0, 2)
-            ]
-            np.testing.assert_allclose(getattr(found[key], metric)[0], expected, rtol=1e-6)
+            np.testing.assert_array_equal(getattr(found[key], metric), getattr(one, metric)[:, :, [1, 6]])
         np.testing.assert_array_equal(found[key].eligible_steps, one.eligible_steps)
 
 
@@ -420,10 +412,13 @@ def test_summary_equals_the_loop(errors):
             m: [[v for v in seed if not math.isnan(v)] for seed in getattr(one, m)[:, :, step]] for m in ("ade", "fde")
         }
         for metric, got_mean, got_sd in (("ade", line.ade_m, line.ade_sd_m), ("fde", line.fde_m, line.fde_sd_m)):
+            assert got_mean == pytest.approx(twins.mean([twins.mean(s) for s in by_seed[metric] if s]), nan_ok=True)
             tracks = [[v for v in values if not math.isnan(v)] for values in getattr(one, metric)[:, :, step].T]
-            per_track = [twins.mean(values) for values in tracks if values]  # seeds first, then tracks
-            assert got_mean == pytest.approx(twins.mean(per_track), nan_ok=True)
+            per_track = [twins.mean(values) for values in tracks if values]
             assert got_sd == pytest.approx(twins.deviation(per_track), nan_ok=True)
+            by_all = [twins.mean(values) for values in tracks if len(values) == len(one.ade)]
+            assert getattr(line, f"all_{metric}_m") == pytest.approx(twins.mean(by_all), nan_ok=True)
+            assert line.all_n == len(by_all)
         seed_means = [twins.mean(values) for values in by_seed["ade"] if values]
         assert line.ade_seed_sd_m == pytest.approx(twins.deviation(seed_means), nan_ok=True)
         assert line.n == pytest.approx(twins.mean([len(values) for values in by_seed["ade"]]))
@@ -435,12 +430,31 @@ def test_summary_by_hand():
     nan = np.nan
     # two seeds, three tracks, one step; the second track is scored by one seed only, the third by none
     ade = np.array([[[1.0], [5.0], [nan]], [[3.0], [nan], [nan]]])
-    one = Errors(np.array(["a/1", "a/2", "a/3"]), ade, 2 * ade, np.array([1, 1, 1]))
+    one = Errors(np.array(["a/1", "a/2", "a/3"]), ade, 2 * ade, np.array([1, 1, 1]), np.zeros(3, bool))
     (line,) = summarise("d", "m", {("ranked", "paper"): one}, 1.0).itertuples()
-    assert (line.ade_m, line.fde_m) == (3.5, 7.0)  # mean of 2 and 5
-    assert line.ade_sd_m == pytest.approx(3 / math.sqrt(2))
-    assert line.ade_seed_sd_m == pytest.approx(0.0)  # the seeds' means are 3 and 3
+    assert (line.ade_m, line.fde_m) == (3.0, 6.0)  # the seeds' means are 3 and 3
+    assert line.ade_sd_m == pytest.approx(3 / math.sqrt(2))  # of 2 and 5
+    assert line.ade_seed_sd_m == pytest.approx(0.0)
     assert (line.n, line.eligible, line.seeds) == (1.5, 3, 2)
+    assert (line.all_ade_m, line.all_n) == (2.0, 1)  # the first track only
+
+
+@FEW
+@given(SEEDS)
+def test_the_mean_does_not_grow_with_the_number_of_seeds(seed):
+    """Each seed scores the easier half of the tracks and some luck: the union over seeds takes in ever harder ones."""
+    rng = np.random.default_rng(seed)
+    hard = np.sort(rng.gamma(2, 2, 400))
+    scored = rng.random((8, 400)) < np.linspace(0.9, 0.05, 400)
+    ade = np.where(scored, hard, np.nan)[:, :, None]
+    few, many = (
+        summarise("d", "m", {("ranked", "paper"): Errors(np.arange(400).astype(str), ade[:k], ade[:k],
+                  np.ones(400, int), np.zeros(400, bool))}, 1.0)
+        for k in (2, 8)
+    )  # fmt: skip
+    assert many["ade_m"].item() == pytest.approx(few["ade_m"].item(), rel=0.1)
+    union = np.nanmean(np.nanmean(ade[:, :, 0][:, scored.any(axis=0)], axis=0))
+    assert union > 1.15 * many["ade_m"].item()
 
 
 def test_order_of_tracks_recordings_and_shards_does_not_matter(tables, errors, tmp_path):
@@ -474,67 +488,7 @@ def test_order_of_the_tracks_in_a_recording_does_not_matter():
         np.testing.assert_allclose(np.stack(other[metric]), np.stack(one[metric]), atol=1e-6)
 
 
-# --- t-tests ------------------------------------------------------------------------------------------------
-
-
-def t_test_by_formula(ours, theirs):
-    """(n, mean d, low, high, d_z, t, p) of the pairs: t = mean d / (s / sqrt n), p = P(T_{n-1} <= t), 95 % interval."""
-    d = [a - b for a, b in zip(ours, theirs, strict=True) if not (math.isnan(a) or math.isnan(b))]
-    n, s = len(d), twins.deviation(d)
-    t = twins.mean(d) / (s / math.sqrt(n))
-    half = stats.t(n - 1).ppf(0.975) * s / math.sqrt(n)
-    return n, twins.mean(d), twins.mean(d) - half, twins.mean(d) + half, twins.mean(d) / s, t, stats.t(n - 1).cdf(t)
-
-
-@FEW
-@given(SEEDS, st.integers(2, 40), st.sampled_from([-0.5, 0.0, 0.5]))
-def test_paired_test_is_its_formula_and_scipy(seed, n, shift):
-    rng = np.random.default_rng(seed)
-    ours, theirs = rng.gamma(2, 1, n) + shift, rng.gamma(2, 1, n)
-    got = paired_test(ours, theirs)
-    np.testing.assert_allclose(got, t_test_by_formula(ours, theirs), rtol=1e-7, atol=1e-10)
-    assert got[-1] == pytest.approx(stats.ttest_1samp(ours - theirs, 0, alternative="less").pvalue, rel=1e-7)
-
-
-def test_paired_test_uses_the_tracks_that_both_scored():
-    rng = np.random.default_rng(11)
-    ours, theirs = rng.random(20), rng.random(20)
-    ours[[0, 5]] = np.nan
-    theirs[[5, 7, 9]] = np.nan
-    both = np.isfinite(ours) & np.isfinite(theirs)
-    assert paired_test(ours, theirs)[0] == 16
-    assert paired_test(ours, theirs) == paired_test(ours[both], theirs[both])
-
-
-def test_smaller_errors_of_ours_are_significant_and_not_the_other_way_round():
-    rng = np.random.default_rng(12)
-    theirs = rng.gamma(4, 1, 60)
-    ours = theirs - 0.3 + rng.normal(0, 0.2, 60)
-    assert paired_test(ours, theirs)[-1] < 1e-6
-    assert paired_test(theirs, ours)[-1] > 1 - 1e-6
-
-
-@pytest.mark.parametrize(
-    ("ours", "theirs", "n", "mean"),
-    [([], [], 0, np.nan), ([1.0], [3.0], 1, -2.0), ([np.nan], [3.0], 0, np.nan), ([1.0, 2.0], [2.0, 3.0], 2, -1.0)],
-)
-def test_paired_test_of_too_little_data(ours, theirs, n, mean):
-    got = paired_test(np.array(ours, float), np.array(theirs, float))
-    assert got[0] == n
-    assert got[1] == pytest.approx(mean, nan_ok=True)
-    assert np.isnan(got[2:]).all()
-
-
-@FEW
-@given(st.lists(st.floats(0, 1) | st.just(math.nan), max_size=12))
-def test_holm_equals_the_textbook(p):
-    np.testing.assert_allclose(holm(p), twins.holm(p), rtol=1e-12)
-
-
-def test_holm_by_hand():
-    got = holm([0.04, 0.01, np.nan, 0.03, 0.9])
-    # sorted 0.01, 0.03, 0.04, 0.9 times 4, 3, 2, 1 = 0.04, 0.09, 0.08, 0.9; never falling: 0.04, 0.09, 0.09, 0.9
-    np.testing.assert_allclose(got, [0.09, 0.04, np.nan, 0.09, 0.9])
+# --- own lengths -----------------------------------------------------------------------------------------------
 
 
 def test_own_length_by_hand():
@@ -584,51 +538,6 @@ def test_infeasible_share_stands_beside_the_truth_s(tmp_path):
     complete = rows[rows["protocol"] == "complete"]
     assert complete["infeasible"].tolist() == [0.0, 0.0] + [1.0] * (STEPS - 2)
     assert (complete["truth_infeasible"] == 0).all()
-
-
-def made_up_errors(seed, tracks, outputs, offset):
-    """Errors of a made-up method on some of the tracks 0..29."""
-    rng = np.random.default_rng(seed)
-    found = {}
-    for output in outputs:
-        for protocol in PROTOCOLS:
-            ade = offset + rng.gamma(3, 1, (2, len(tracks), STEPS))
-            ade[rng.random(ade.shape) < 0.2] = np.nan
-            keys = np.array([f"day/{n:02d}" for n in tracks])
-            found[output, protocol] = Errors(keys, ade, 2 * ade, np.full(len(tracks), STEPS))
-    return found
-
-
-def test_compare_equals_the_loop():
-    methods = {
-        "maps": made_up_errors(13, range(25), ("ranked", "mean"), 0.0),
-        "mid": made_up_errors(14, range(5, 30), ("mean",), 0.3),
-        "line": made_up_errors(15, range(30), ("single",), 1.0),
-    }
-    pairs, horizons = [("maps", "mid"), ("maps", "line"), ("mid", "line")], [1.0, 3.0, 6.0]
-
-    def reduced(one):
-        return one._replace(**{metric: one.by_track(metric)[None, :, [1, 5, 11]] for metric in ("ade", "fde")})
-
-    by_method = {name: {key: reduced(one) for key, one in errors.items()} for name, errors in methods.items()}
-    table = compare("hall", by_method, pairs, horizons)
-    assert len(table) == 2 * 3 * 2 * 3
-    outputs = {"maps": "ranked", "mid": "mean", "line": "single"}
-    for line in table.itertuples():
-        assert (line.dataset, line.output, line.output_against) == ("hall", outputs[line.method], outputs[line.against])
-        values = []
-        for method in (line.method, line.against):
-            one = methods[method][outputs[method], line.protocol]
-            errors = getattr(one, line.metric)[:, :, round(line.horizon_s / 0.5) - 1]
-            each = {key: [v for v in errors[:, n] if not math.isnan(v)] for n, key in enumerate(one.keys.tolist())}
-            values.append({key: twins.mean(seeds) for key, seeds in each.items() if seeds})
-        shared = sorted(set(values[0]) & set(values[1]))
-        expected = t_test_by_formula(*[[side[key] for key in shared] for side in values])
-        got = (line.n, line.mean_difference_m, line.ci_low_m, line.ci_high_m, line.effect_size, line.t, line.p)
-        np.testing.assert_allclose(got, expected, rtol=1e-7, atol=1e-10)
-    for protocol in PROTOCOLS:  # one family of tests a dataset and protocol
-        family = table[table["protocol"] == protocol]
-        np.testing.assert_allclose(family["p_holm"], twins.holm(family["p"].tolist()), rtol=1e-12)
 
 
 def test_main_output_is_ranked_before_mean_before_single():

@@ -12,7 +12,7 @@ import pytest
 from scipy import stats
 
 from modlhmp.forecasting.chain import chain
-from modlhmp.forecasting.observe import observe, usable_tracks
+from modlhmp.forecasting.observe import observe
 from modlhmp.maps import snippets
 from modlhmp.maps.pieces import Metric
 from modlhmp.maps.snippets import SnippetMap
@@ -21,7 +21,7 @@ from modlhmp.options import SnippetBuilding, Snippets
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys, uniform, uniforms
-from modlhmp.tracks import clock_time, concatenate, empty_tracks
+from modlhmp.tracks import clock_time, concatenate, empty_tracks, usable_tracks
 
 METRIC = Metric(8.0, 8.0, 2.0, 0.0)
 WEIGHTS = [0.48, 0.33, 0.19]

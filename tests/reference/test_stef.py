@@ -391,3 +391,19 @@ def test_a_position_far_away_is_named_instead_of_filling_the_memory():
     table = pa.table({"x": [0.5, 3000.5], "y": [0.5, 3000.5], "probabilities": certain})
     with pytest.raises(DataError, match="far away"):
         stef.StefMap(table.replace_schema_metadata({"resolution": "1.0", "orientations": "1"}))
+
+
+def test_the_whole_day_is_the_mean_of_the_directions():
+    """In a cell with 3 detections to the east at noon and 1 to the north at 18 h, both directions fill one interval."""
+    tracks = concatenate(
+        Tracks(
+            np.full(n, n), 3600.0 * hour + np.arange(n), np.full(n, 0.5), np.full(n, 0.5), np.ones(n), np.full(n, way)
+        )
+        for n, hour, way in ((3, 12, 0.0), (1, 18, np.pi / 2))
+    )
+    table, hours = stef.build_hours(tracks, Site(), stef.StefBuilding(orientations=4))
+    assert list(hours) == [12, 18]
+    found = stef.load_whole(table, Site(), RollOut()).probabilities
+    np.testing.assert_allclose(found, [[0.5, 0.5, 0, 0]])  # each interval counts alike, by its busiest direction
+    with pytest.raises(DataError, match="not a STeF-map"):
+        stef.load_whole(hours[12], Site(), RollOut())

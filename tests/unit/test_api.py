@@ -1,5 +1,6 @@
 """The library's front door: what a notebook or a robot imports."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -131,6 +132,27 @@ def test_a_map_is_saved_and_loaded(maps, tmp_path, kind):
     history = seen(PEOPLE)
     ours, theirs = (modlhmp.forecast(one, history, k=3) for one in (maps[kind], again))
     np.testing.assert_array_equal(ours.paths, theirs.paths)
+
+
+def test_hours_are_those_of_the_training_data(maps):
+    free = dataclasses.replace(SITE, hours=None)
+    assert list(modlhmp.build_map("tc_cliff", PEOPLE, free).hours) == [7, 8]
+    assert list(modlhmp.build_map("stef", PEOPLE, free).hours) == [7, 8]
+    chosen = modlhmp.build_map("tc_cliff", PEOPLE, dataclasses.replace(SITE, hours=(8, 10)))
+    assert list(chosen.hours) == [8], "an hour without data has no map"
+
+
+@pytest.mark.parametrize("kind", ["tc_cliff", "stef"])
+def test_in_an_hour_without_a_map_the_whole_day_s_may_serve(maps, tmp_path, kind):
+    maps[kind].save(tmp_path / "map")
+    at_night = seen(PEOPLE._replace(t=PEOPLE.t + 12 * 3600.0))
+    for a_map in (maps[kind], modlhmp.load_map(tmp_path / "map")):
+        assert modlhmp.forecast(a_map, at_night).left(1).min() == 1, "it stops at once"
+        assert modlhmp.forecast(a_map, at_night, without_map="whole_day").left(1).mean() < 0.5
+    hour, day = (modlhmp.forecast(maps[kind], seen(PEOPLE), without_map=one) for one in ("stop", "whole_day"))
+    np.testing.assert_array_equal(hour.paths, day.paths)
+    alone = modlhmp.Map(kind, SITE, None, maps[kind].hours)
+    refused("has no map of the whole day", modlhmp.forecast, alone, at_night, without_map="whole_day")
 
 
 def test_a_part_of_a_map_is_refused(maps, tmp_path):

@@ -8,6 +8,7 @@ import pytest
 
 from modlhmp.datasets import Dataset
 from modlhmp.study import claims
+from modlhmp.study.comparisons import compare
 from modlhmp.study.exhibits.claims_table import write_claims
 from modlhmp.study.summary import Errors
 
@@ -23,7 +24,7 @@ def errors_of(mean, outputs=("ranked", "mean"), tracks=200, seed=0, spread=0.5):
     ade = np.asarray(mean, float) + rng.normal(0, spread, (1, tracks, len(HORIZONS)))
     keys = np.array([f"day/{n:03d}" for n in range(tracks)])
     return {
-        (output, protocol): Errors(keys, ade, 2 * ade, np.full(tracks, 60))
+        (output, protocol): Errors(keys, ade, 2 * ade, np.full(tracks, 60), np.zeros(tracks, bool))
         for output in outputs
         for protocol in ("paper", "complete")
     }
@@ -33,13 +34,16 @@ def evidence(**changes):
     """Four methods: TC-CLiFF better than CLiFF everywhere, STeF better than both at 60 s."""
     known = {
         "dataset": HALL, "horizons": HORIZONS, "studies": {}, "lengths": np.linspace(1, 100, 300), "runtime": None,
-        "idle": frozenset(),
+        "idle": frozenset(), "days": {"day": "2030-01-01"},
         "errors": {
             "tc_cliff": errors_of([1, 2, 4, 8]), "cliff": errors_of([1.5, 2.5, 4.5, 8.5], seed=1),
             "stef": errors_of([2, 3, 5, 7], seed=2), "cvm": errors_of([2, 4, 10, 20], ("single",), seed=3),
         },
     }  # fmt: skip
-    return claims.Evidence(**{**known, **changes})
+    known |= changes
+    pairs = [pair for pair in claims.claimed_pairs(KINDS) if set(pair) <= known["errors"].keys()]
+    known.setdefault("tests", compare("hall", known["errors"], pairs, HORIZONS, known["days"]))
+    return claims.Evidence(**known)
 
 
 def verdicts(table, text):
@@ -136,13 +140,91 @@ def test_the_percentile_has_an_interval():
     assert verdicts(claims.test_claims([close], TITLES, KINDS), "90th") == {"supported"}
 
 
-def test_holm_is_over_a_dataset_and_protocol():
-    table = claims.test_claims([evidence()], TITLES, KINDS)
-    tested = table[table["p"].notna()]
-    for _, family in tested.groupby(["dataset", "protocol"]):
+def test_a_test_between_methods_has_one_corrected_p_everywhere():
+    """That of the table of t-tests, from whichever side the claim looks."""
+    errors = {**evidence().errors, "lstm": errors_of([0.95, 1.95, 9, 18], ("single",), seed=4)}
+    one = evidence(errors=errors)
+    table = claims.test_claims([one], TITLES, KINDS)
+    for text, method, against, side in (
+        ("ADE TC-CLiFF < CLiFF, 60 s", "tc_cliff", "cliff", "p_holm"),
+        ("ADE LSTM < TC-CLiFF, 10 s", "tc_cliff", "lstm", "p_greater_holm"),
+    ):
+        for protocol in ("paper", "complete"):
+            row = table[(table["our test"] == text) & (table["protocol"] == protocol)].iloc[0]
+            wanted = {"protocol": protocol, "metric": "ade", "method": method, "against": against}
+            found = one.tests[(one.tests[list(wanted)] == list(wanted.values())).all(axis=1)]
+            found = found[found["horizon_s"] == float(text.split()[-2])].iloc[0]
+            assert row["p Holm"] == found[side]
+            assert abs(row["mean difference"]) == abs(found["mean_difference_m"])
+
+
+def test_other_tests_are_corrected_over_those_of_a_dataset_and_protocol():
+    study = {value: errors_of([1, 2, 4, base], seed=int(10 * value)) for value, base in ((0.1, 20), (1, 8), (10, 9))}
+    table = claims.test_claims([evidence(studies={"beta": study})], TITLES, KINDS)
+    own = table[table["our test"].str.contains("β|ranked|gain") & table["p"].notna()]
+    for _, family in own.groupby("protocol"):
         p = family["p"].to_numpy(float)
-        assert (family["p Holm"] >= p - 1e-15).all()
         assert family["p Holm"].min() == pytest.approx(min(p.min() * len(p), 1))
+
+
+def test_both_verdicts_need_a_corrected_p():
+    """A difference whose interval just leaves 0 is no contradiction, as it would be no support."""
+    rng = np.random.default_rng(3)
+    shift = rng.normal(0, 1, 200)
+    worse = errors_of([1, 2, 4, 8])
+    for key, one in worse.items():
+        noise = (shift - shift.mean()) / shift.std(ddof=1) + 2.1 / np.sqrt(200)  # t = 2.1
+        worse[key] = one._replace(ade=one.ade + noise[None, :, None])
+    errors = {**evidence().errors, "tc_cliff": worse, "cliff": errors_of([1, 2, 4, 8])}
+    table = claims.test_claims([evidence(errors=errors)], TITLES, KINDS)
+    row = table[table["our test"] == "ADE TC-CLiFF < CLiFF, 60 s"].iloc[0]
+    assert float(row["95 % CI"].split()[0]) > 0
+    assert (row["verdict"], row["p Holm, opposite"] > 0.05) == ("not shown", True)
+
+
+def test_a_verdict_that_rests_on_tracks_without_a_forecast_says_so():
+    """CLiFF is held at t0 on 40 of 200 tracks, which are all that TC-CLiFF is better on."""
+    held = np.arange(200) < 40
+    same = errors_of([1, 2, 4, 8])
+    noise = np.random.default_rng(9).normal(0, 0.01, (1, 200, 1))
+    worse = {
+        key: one._replace(ade=one.ade + noise + 3.0 * held[None, :, None], unknown=held) for key, one in same.items()
+    }
+    table = claims.test_claims([evidence(errors={"tc_cliff": same, "cliff": worse})], TITLES, KINDS)
+    row = table[table["our test"] == "ADE TC-CLiFF < CLiFF, 60 s"].iloc[0]
+    assert row["p Holm"] < 0.001
+    assert row["verdict"] == "supported only by tracks that one side could not forecast"
+    assert row["not forecast"] == 40
+
+
+def test_the_paper_s_p_belongs_to_equal_or_higher():
+    """The factor of two is a claim of its own, without that p."""
+    errors = {**evidence().errors, "lstm": errors_of([1, 1.8, 9, 14], ("single",), seed=4)}
+    table = claims.test_claims([evidence(errors=errors)], TITLES, KINDS)
+    plain, half = (table[table["our test"] == f"ADE TC-CLiFF < {x}LSTM, 60 s"] for x in ("", "0.5 × "))
+    assert set(plain["the paper's p"]) == {"< 0.001"} and set(plain["verdict"]) == {"supported"}
+    assert set(half["the paper's p"]) == {"–"} and set(half["verdict"]) == {"contradicted"}
+
+
+def test_claims_about_the_hour_need_a_clock():
+    forum = dataclasses.replace(HALL, label="edin", clock="estimated")
+    table = claims.test_claims([evidence(dataset=forum)], TITLES, KINDS)
+    about = table[table["claim"] == claims.CLAIMS["tc_cliff"].text]
+    assert set(about["verdict"]) == {"not tested"}
+    assert about["our test"].str.contains("clock").all()
+
+
+def test_claims_about_edinburgh():
+    """That TC-CLiFF has the lowest error, and that maps overtake networks."""
+    errors = {**evidence().errors, "lstm": errors_of([0.5, 1.8, 9, 14], ("single",), seed=4)}
+    table = claims.test_claims(
+        [evidence(errors=errors, dataset=dataclasses.replace(HALL, label="edin"))], TITLES, KINDS
+    )
+    best = table[table["claim"] == claims.CLAIMS["best"].text].set_index("our test")["verdict"]
+    assert set(best["ADE TC-CLiFF < STeF, 60 s"]) == {"contradicted"}
+    assert set(best["ADE TC-CLiFF < CVM, 60 s"]) == {"supported"}
+    overtaking = table[table["claim"] == claims.CLAIMS["overtaking"].text]
+    assert set(overtaking["verdict"]) == {"supported"}
 
 
 def test_an_unknown_dataset_is_asked_every_claim(tmp_path):

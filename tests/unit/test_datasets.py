@@ -159,7 +159,8 @@ def test_a_dataset_file_gets_its_defaults(load):
     assert (dataset.name, dataset.label) == ("mine", "mine")
     assert dataset.time_step_s == 1.0
     assert dataset.cleaning == ("single_row", "gap_over_5s")
-    assert dataset.figure_hours == (8, 12, 17)
+    assert dataset.figure_hours == ()
+    assert load(hours=None).hours is None
     assert dataset.floor_plan == ()
     assert dataset.paper_protocol.idle_filter is None
     assert [recording.name for recording in dataset.recordings] == ["a", "b"]

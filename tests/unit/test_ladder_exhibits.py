@@ -68,6 +68,7 @@ def compared(horizons=HORIZONS, **changes):
                         less - 0.125,
                         less + 0.25,
                         share,
+                        0,
                     )
                     row = dict(zip(DIFFERENCES, row, strict=True))
                     rows.append(row | (changes if horizon == max(horizons) else {}))

@@ -10,8 +10,10 @@ import pytest
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.storage import write_parquet
+from modlhmp.study.comparisons import compare
 from modlhmp.study.exhibits import claims_table, tables
 from modlhmp.study.layout import Layout
+from modlhmp.study.summary import at_horizons
 from modlhmp.tracks import Tracks, write_tracks
 
 HALL = Dataset(name="demo_hall", title="Hall", label="atc", reader="atc", horizon_s=10)
@@ -19,6 +21,7 @@ FORUM = Dataset(name="demo_forum", title="Forum", label="edin", reader="atc", ho
 SECONDS = {"demo_hall": 20, "demo_forum": 8}  # of every track
 PEOPLE = {"demo_hall": 6, "demo_forum": 9}
 RECORDINGS = {"demo_hall": ["monday"], "demo_forum": ["monday", "tuesday"]}
+DAYS = {"monday": "2030-01-07", "tuesday": "2030-01-08"}
 CONSTANTS = {"cliff_resolution_m": 1.0, "stef_resolution_m": 2.0, "sampling_radius_m": 1.0, "beta": 1.0, "k": 5}
 
 
@@ -32,7 +35,8 @@ def errors(recordings, number, error_m, horizon=10):
     """An errors table of one method without randomness: `error_m` at every step of every track."""
     rows = [
         {"recording": name, "output": "single", "protocol": protocol, "track_id": track, "seed": 0,
-         "eligible_steps": horizon, "ade": [error_m] * horizon, "fde": [error_m + track / 100] * horizon}
+         "eligible_steps": horizon, "alive_steps": horizon,
+         "ade": [error_m] * horizon, "fde": [error_m + track / 100] * horizon}
         for name in recordings for protocol in PROTOCOLS for track in range(number)
     ]  # fmt: skip
     table = pa.Table.from_pylist(rows)
@@ -53,6 +57,9 @@ def layout(tmp_path, request):
         for method, error_m in (("tc_cliff", 1.0), ("cliff", 2.0)):
             Path(layout.errors(name, method)).parent.mkdir(parents=True, exist_ok=True)
             write_parquet(errors(recordings, PEOPLE[name], error_m), layout.errors(name, method))
+        by_method = {one: at_horizons(layout.errors(name, one), [5.0, 10.0], 1.0) for one in ("tc_cliff", "cliff")}
+        tests = compare(name, by_method, [("tc_cliff", "cliff")], [5.0, 10.0], DAYS)
+        write_parquet(pa.Table.from_pandas(tests, preserve_index=False), layout.ttests(name))
     return layout
 
 
@@ -68,7 +75,7 @@ def test_claims_are_about_each_dataset_s_tracks_and_errors(layout):
     """Evidence of one is not mixed with the other's: numbers of tracks, lengths, who was scored."""
     for dataset in (HALL, FORUM):
         name = dataset.name
-        one = claims_table.gather(layout, dataset, RECORDINGS[name], ["tc_cliff", "cliff"], {}, [5, 10], False)
+        one = claims_table.gather(layout, dataset, RECORDINGS[name], ["tc_cliff", "cliff"], {}, [5, 10], False, DAYS)
         expected = {f"{day}/{track}" for day in RECORDINGS[name] for track in range(PEOPLE[name])}
         assert set(one.errors["cliff"]["single", "paper"].keys) == expected
         assert one.lengths.tolist() == [SECONDS[name] - 4] * len(expected)
@@ -81,7 +88,18 @@ def test_the_table_of_claims_has_a_row_per_dataset_and_test(layout, tmp_path):
     titles = {"tc_cliff": "TC-CLiFF", "cliff": "CLiFF"}
     # As kinds without ranked futures: what is tested here is where the numbers come from.
     kinds = {"tc_cliff": "cvm", "cliff": "cvm"}
-    claims_table.draw(layout, [HALL, FORUM], str(tmp_path / "c"), RECORDINGS, titles, kinds, {}, [5, 10], [])
+    claims_table.draw(
+        layout,
+        [HALL, FORUM],
+        str(tmp_path / "c"),
+        RECORDINGS,
+        titles,
+        kinds,
+        {},
+        [5, 10],
+        [],
+        dict.fromkeys(RECORDINGS, DAYS),
+    )
     table = pd.read_csv(tmp_path / "c.csv")
     rows = table[table["our test"] == "FDE TC-CLiFF < CLiFF, 10 s"]
     assert dict(zip(rows["dataset"], rows["n"], strict=False)) == {"Hall": 6, "Forum": 18}

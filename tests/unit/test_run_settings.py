@@ -518,7 +518,7 @@ def test_tuned_options_that_a_method_takes_are_accepted(tuned):
         ({"snippets": {"bandwidth": 3}}, ["tuned.snippets: no option named 'bandwidth'; did you mean 'bandwidth_m'"]),
         ({"snippets": {"kernel_m": 3}}, ["tuned.snippets: no option named 'kernel_m'; it is now called 'bandwidth_m'"]),
         ({"cvm": {"velocity": "columns"}}, ["velocity: 'columns' is now called 'dataset'"]),
-        ({"snippets": {"bandwidth_m": 0}}, ["bandwidth_m: 0 is not above 0"]),
+        ({"snippets": {"bandwidth_m": 0}}, ["bandwidth_m: 0 is not at least 0.01"]),
         ({"average": {"of": ["a", "b"]}}, ["no kind or method named 'average'"]),
         ({"cliff": {"reach_m": 3}}, ["tuned.cliff", "'reach_m'"]),
     ],

@@ -41,7 +41,7 @@ def test_figure_holds_the_numbers(tmp_path):
 
 def test_claims_about_the_runtime():
     """Verdicts by hand: faster, linear in N, slower growth in T and M, less memory, a larger map."""
-    one = claims.Evidence(HALL, [12.0], {}, {}, np.empty(0), frozenset(), made_up())
+    one = claims.Evidence(HALL, [12.0], pd.DataFrame(), {}, {}, np.empty(0), frozenset(), {}, made_up())
     table = claims.test_claims([one], {}, {}).set_index("our test")["verdict"]
     assert table["at most 0.11 s per track, k = 5, 60 s (another machine)"] == "supported"
     assert table["the exponent of time in N is 1"] == "supported"
@@ -52,7 +52,7 @@ def test_claims_about_the_runtime():
 def test_the_rate_is_that_of_a_track_alone():
     """What the paper gives; many at once are faster, which is no answer to it."""
     slow = made_up(latency_s=0.2, seconds_per_track=1e-4)
-    one = claims.Evidence(HALL, [12.0], {}, {}, np.empty(0), frozenset(), slow)
+    one = claims.Evidence(HALL, [12.0], pd.DataFrame(), {}, {}, np.empty(0), frozenset(), {}, slow)
     row = (
         claims.test_claims([one], {}, {})
         .set_index("our test")
@@ -63,7 +63,7 @@ def test_the_rate_is_that_of_a_track_alone():
 
 def test_growth_of_fewer_than_three_sizes_is_not_tested():
     unknown = made_up(exponents={"N": [float("nan")] * 3, "T": [0.5, 0.4, 0.6], "M": [1.2, 1.1, 1.3]})
-    one = claims.Evidence(HALL, [12.0], {}, {}, np.empty(0), frozenset(), unknown)
+    one = claims.Evidence(HALL, [12.0], pd.DataFrame(), {}, {}, np.empty(0), frozenset(), {}, unknown)
     table = claims.test_claims([one], {}, {}).set_index("our test")["verdict"]
     verdicts = [table[f"the exponent of time in {name} is 1"] for name in "NTM"]
     assert verdicts == ["not tested", "grows more slowly", "grows faster"]

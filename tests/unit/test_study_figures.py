@@ -24,7 +24,9 @@ def write_errors(path, error_m, steps, tracks=5):
     rows = pd.MultiIndex.from_product(
         [["single"], PROTOCOLS, range(2), range(tracks)], names=["output", "protocol", "seed", "track_id"]
     ).to_frame(index=False)
-    table = pa.Table.from_pandas(rows.assign(recording="day", eligible_steps=steps), preserve_index=False)
+    table = pa.Table.from_pandas(
+        rows.assign(recording="day", eligible_steps=steps, alive_steps=steps), preserve_index=False
+    )
     for name in ("ade", "fde"):
         table = table.append_column(name, pa.FixedSizeListArray.from_arrays(pa.array(errors.ravel()), steps))
     Path(path).parent.mkdir(parents=True, exist_ok=True)

@@ -11,6 +11,7 @@ from snakemake.exceptions import WorkflowError
 from modlhmp.kinds import all_kinds, find
 from modlhmp.settings import as_plain
 from modlhmp.storage import DataError
+from modlhmp.study.claims import claim_horizons
 from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study.layout import SUMS, Layout
 from modlhmp.study.plan import (

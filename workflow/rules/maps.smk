@@ -14,11 +14,6 @@ for kind in all_kinds().values():
         input:
             tracks=tracks_of("train"),
         output:
-            **(
-                {"whole": LAYOUT.map_whole("{dataset}", kind.name)}
-                if kind.has_whole
-                else {}
-            ),
             map=(
                 directory(LAYOUT.map("{dataset}", kind.name))
                 if kind.hourly

@@ -80,8 +80,11 @@ rule compare_methods:
         run=RUN.run,
         methods=list(RUN.compare),
         dataset=settings_of("time_step_s", "horizon_s"),
-        pairs=[list(pair) for pair in RUN.comparisons if set(pair) <= set(RUN.compare)],
-        horizons=list(RUN.tables.horizons_s),
+        pairs=PLAN.tested_pairs,
+        horizons=lambda wildcards: claim_horizons(
+            DATASETS[wildcards.dataset], RUN.tables.horizons_s
+        ),
+        days=lambda wildcards: DATASETS[wildcards.dataset].days("test"),
         code=code_of("compare_methods"),
     message:
         "Compare the methods on {wildcards.dataset}"
@@ -165,7 +168,7 @@ rule measure_costs:
 
 
 rule climb_ladder:
-    """Errors of every rung and paired differences, with bootstrap intervals over persons or days."""
+    """Errors of every rung and paired differences, with their intervals over persons or days."""
     input:
         [LAYOUT.errors("{dataset}", method) for method in RUN.ladder_methods],
     output:
@@ -181,9 +184,7 @@ rule climb_ladder:
         methods=RUN.ladder_methods,
         ladder=as_plain(RUN.ladder),
         dataset=settings_of("time_step_s", "horizon_s"),
-        days=lambda wildcards: {
-            one.name: one.day for one in DATASETS[wildcards.dataset].of_split("test")
-        },
+        days=lambda wildcards: DATASETS[wildcards.dataset].days("test"),
         code=code_of("climb_ladder"),
     message:
         "Ladder of {wildcards.dataset}"

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from modlhmp.kinds import find
 from modlhmp.logs import job_log
+from modlhmp.maps.base import DAY
 from modlhmp.methods import build_map
 from modlhmp.settings import as_plain, build
 from modlhmp.site import Site
@@ -18,8 +19,8 @@ with job_log(snakemake.log[0]) as log:
     origin |= {"kind": kind.name, "site": as_plain(site)}
     if whole is not None:
         log.info("%d rows of tracks, %d rows of the map", len(tracks.t), whole.num_rows)
-        write_parquet(whole, snakemake.output.get("whole", snakemake.output.map), **origin)
+        write_parquet(whole, Path(snakemake.output.map, DAY) if kind.hourly else snakemake.output.map, **origin)
     if kind.hourly:
-        Path(snakemake.output.map).mkdir(parents=True)
+        Path(snakemake.output.map).mkdir(parents=True, exist_ok=True)
     for hour, table in hours.items():
         write_parquet(table, Path(snakemake.output.map) / f"{hour:02d}.parquet", hour=hour, **origin)

@@ -3,7 +3,6 @@
 import pyarrow as pa
 
 from modlhmp.logs import job_log, progress
-from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance, write_parquet
@@ -14,12 +13,11 @@ from modlhmp.study.summary import at_horizons
 with job_log(snakemake.log[0]) as log:
     params, dataset = snakemake.params, snakemake.wildcards.dataset
     layout, site = Layout(params.run), build(Site, params.dataset)
-    horizons = scored_horizons(params.horizons, site)
     errors = {
-        method: at_horizons(layout.errors(dataset, method), horizons, site.time_step_s)
+        method: at_horizons(layout.errors(dataset, method), params.horizons, site.time_step_s)
         for method in progress(params.methods, desc="methods")
     }
-    tests = compare(dataset, errors, params.pairs, horizons)
+    tests = compare(dataset, errors, params.pairs, params.horizons, params.days)
     log.info("%d tests", len(tests))
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
     write_parquet(pa.Table.from_pandas(tests, preserve_index=False), snakemake.output[0], **origin)

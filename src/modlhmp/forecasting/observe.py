@@ -4,14 +4,13 @@ Paper Sec. III-A: a mean of the last velocities with Gaussian weights of sigma =
 ATLAS benchmark (A. Rudenko et al., 2022); the weights are normalised to sum 1.
 """
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from modlhmp.maps.pieces import vector_mean
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks, usable_tracks
+from modlhmp.tracks import Tracks
 
 SIGMA_STEPS = 1.5
 
@@ -30,15 +29,6 @@ class Observed(NamedTuple):
     speed: np.ndarray
     heading: np.ndarray
     neighbours: np.ndarray
-
-
-def seconds_after_t0(recordings: Iterable[Tracks], observed_rows: int = 4) -> np.ndarray:
-    """Seconds from t0 to the end of every usable track of several track tables, [n]."""
-    parts = [np.empty(0)]
-    for tracks in recordings:
-        rows = usable_tracks(tracks, observed_rows)
-        parts.append(tracks.t[rows[:, 1]] - tracks.t[rows[:, 0] + observed_rows - 1])
-    return np.concatenate(parts)
 
 
 def observe(tracks: Tracks, rows: np.ndarray, observed_rows: int = 4) -> Observed:

@@ -1,4 +1,4 @@
-"""Which of the k futures is the forecast? Paper Sec. III-C: the one with the largest cumulative log fitness.
+"""Which of the k futures is the forecast? Paper Sec. III-D: the one with the largest cumulative log fitness.
 
 Fitness adds up over steps alive, so only futures that have lived equally long compare. Under the complete protocol,
 which leaves no track out, those that have lived longest up to the horizon stand first (`longest_lived`), among them the

@@ -17,9 +17,11 @@ from typing import Any, Protocol
 import numpy as np
 import pyarrow as pa
 
+from modlhmp.site import Site
 from modlhmp.storage import DataError, read_parquet
-from modlhmp.tracks import clock_hours
+from modlhmp.tracks import Tracks, clock_hours
 
+DAY = "day.parquet"  # what a map by hours has for the whole day, in its folder
 MAX_LATTICE = 1 << 22  # nodes of a map's bounding box: 2 km x 2 km at 1 m
 Sampled = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # speed, heading, log fitness, found; [n] each
 
@@ -49,21 +51,34 @@ def parts(mod: Any, t: np.ndarray) -> Iterable[tuple[Mod, np.ndarray]]:
 
 
 class HourlyMod:
-    """Several MoDs, one per clock hour: each track uses the map of its own t0; tracks of other hours have none."""
+    """Several MoDs, one per clock hour: each track uses the map of its own t0.
 
-    def __init__(self, by_hour: Mapping[int, Mod], timezone: str) -> None:
+    Tracks of hours without a map use `whole`, the map of the whole day; without that they have none.
+    """
+
+    def __init__(self, by_hour: Mapping[int, Mod], timezone: str, whole: Mod | None = None) -> None:
         self.by_hour = by_hour
         self.timezone = timezone
+        self.whole = whole
 
     def parts(self, t: np.ndarray) -> list[tuple[Mod, np.ndarray]]:
         """See `parts`."""
         hours = clock_hours(t, self.timezone)
-        return [(mod, rows) for hour, mod in self.by_hour.items() if len(rows := np.flatnonzero(hours == hour))]
+        rows_of = [(mod, np.flatnonzero(hours == hour)) for hour, mod in self.by_hour.items()]
+        if self.whole is not None:
+            rows_of.append((self.whole, np.flatnonzero(~np.isin(hours, list(self.by_hour)))))
+        return [(mod, rows) for mod, rows in rows_of if len(rows)]
+
+
+def hours_mapped(tracks: Tracks, site: Site) -> list[int]:
+    """Clock hours that get a map: the site's, or those with rows of tracks."""
+    return list(range(*site.hours)) if site.hours else np.unique(clock_hours(tracks.t, site.timezone)).tolist()
 
 
 def hour_files(folder: str | Path) -> dict[int, Path]:
     """{clock hour: file} of a map that lies in a folder by hours, such as 09.parquet."""
-    return {int(file.stem): file for file in sorted(Path(folder).glob("[0-2][0-9].parquet"))}
+    files = {int(file.stem): file for file in sorted(Path(folder).glob("[0-2][0-9].parquet"))}
+    return {hour: file for hour, file in files.items() if hour < 24}
 
 
 def read_map(

@@ -1,7 +1,7 @@
 """CLiFF-map: at each location a semi-wrapped Gaussian mixture over heading and speed, and its motion intensity.
 
-Paper Sec. III-B.1, Alg. 2; T. Kucner et al., RA-L 2017. The time-conditioned CLiFF-map is this map for every
-clock hour (`maps.base.HourlyMod`), Sec. III-B.2.
+Paper Sec. III-C.1, Alg. 2; T. Kucner et al., RA-L 2017. The time-conditioned CLiFF-map is this map for every
+clock hour (`maps.base.HourlyMod`), Sec. III-C.2.
 """
 
 from pathlib import Path
@@ -54,7 +54,7 @@ def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | No
         head = np.tile([number, *node], (len(components), 1))
         rows.append(np.column_stack([head, components, np.full(len(components), len(mine))]))
     table = np.concatenate(rows) if rows else np.empty((0, 10))
-    # The motion intensity of Sec. III-B.1, counted in observations instead of time.
+    # The motion intensity of Sec. III-C.1, counted in observations instead of time.
     p = table[:, 9] / table[:, 9].max() if len(table) else table[:, 9]
     columns = zip(COLUMNS, (*table.T, p, np.ones(len(table))), strict=True)
     return pa.table({name: values.astype(TYPES.get(name, float)) for name, values in columns}).replace_schema_metadata(

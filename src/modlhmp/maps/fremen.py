@@ -1,6 +1,6 @@
 """FreMEn: a signal over time as its mean and its few strongest periodic parts.
 
-Paper Sec. III-B.3; T. Krajnik et al., FreMEn: frequency map enhancement for long-term mobile robot autonomy, IEEE
+Paper Sec. III-C.3; T. Krajnik et al., FreMEn: frequency map enhancement for long-term mobile robot autonomy, IEEE
 T-RO 2017.
 """
 

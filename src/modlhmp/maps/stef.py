@@ -1,6 +1,6 @@
 """STeF-map: in each cell, how likely people walk into each of a few directions, as periodic functions of time.
 
-Paper Sec. III-B.3; S. Molina et al., The STeF-map, 2022. Detections are counted by direction and interval,
+Paper Sec. III-C.3; S. Molina et al., The STeF-map, 2022. Detections are counted by direction and interval,
 normalised by the busiest direction of that cell and interval, and each direction's signal goes through FreMEn.
 """
 
@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from modlhmp.kernels import kernel
 from modlhmp.maps import fremen
-from modlhmp.maps.base import Sampled, lattice_index, read_map
+from modlhmp.maps.base import Sampled, hours_mapped, lattice_index, read_map
 from modlhmp.options import RollOut, StefBuilding
 from modlhmp.site import Site
 from modlhmp.storage import DataError, column
@@ -68,9 +68,9 @@ def build(tracks: Tracks, site: Site, building: StefBuilding | None = None) -> p
 def build_hours(
     tracks: Tracks, site: Site, building: StefBuilding | None = None
 ) -> tuple[pa.Table | None, dict[int, pa.Table]]:
-    """(the STeF-map, {hour: its orientation probabilities in the middle of each of the site's hours})."""
+    """(the STeF-map, {hour: its orientation probabilities in the middle of the hour})."""
     table = build(tracks, site, building)
-    return table, {hour: evaluate(table, middle_of_hour(hour)) for hour in range(*site.hours)}
+    return table, {hour: evaluate(table, middle_of_hour(hour)) for hour in hours_mapped(tracks, site)}
 
 
 def _signals(cell, orientation, interval, cells, orientations, intervals):
@@ -87,9 +87,14 @@ def evaluate(table: pa.Table, t: float) -> pa.Table:
     Each direction's prediction is divided by the sum over the cell's directions; a cell whose directions are all
     predicted 0 keeps zeros: it has no dynamics then.
     """
-    orientations = int(table.schema.metadata[b"orientations"])
     parts = [column(table, name).reshape(table.num_rows, -1) for name in ("amplitudes", "phases", "periods")]
-    value = fremen.predict(t, column(table, "mean"), *parts).reshape(-1, orientations)
+    return _normalised(table, fremen.predict(t, column(table, "mean"), *parts))
+
+
+def _normalised(table, value):
+    """Values of a map's rows as probabilities of each cell's orientations."""
+    orientations = int(table.schema.metadata[b"orientations"])
+    value = value.reshape(-1, orientations)
     total = value.sum(axis=1, keepdims=True)
     return pa.table(
         {
@@ -113,6 +118,12 @@ def load(path: str | Path | pa.Table, site: Site, options: RollOut) -> "StefMap"
     """Read one hour's Parquet form; `DataError` where it is not one."""
     table = read_map(path, "an evaluated STeF-map", ("x", "y", "probabilities"), ("resolution", "orientations"))
     return StefMap(table, options.sampling_radius_m)
+
+
+def load_whole(path: str | Path | pa.Table, site: Site, options: RollOut) -> "StefMap":
+    """The map of the whole day, from the periodic functions: each direction's mean; `DataError` where it is not one."""
+    table = read_map(path, "a STeF-map", ("x", "y", "orientation", "mean"), ("resolution", "orientations"))
+    return StefMap(_normalised(table, column(table, "mean")), options.sampling_radius_m)
 
 
 class StefMap:
@@ -176,7 +187,7 @@ def _sample(x, y, uniforms, index, origin, resolution, radius, cell_x, cell_y, p
                 rest -= probabilities[row, o]
                 if rest <= 0.0:
                     break
-        angle = chosen * 2.0 * np.pi / orientations  # theta_stef,i of Sec. III-B.3
+        angle = chosen * 2.0 * np.pi / orientations  # theta_stef,i of Sec. III-C.3
         heading[i] = angle if angle <= np.pi else angle - 2.0 * np.pi
         log_fitness[i] = np.log(probabilities[row, chosen])
     return heading, log_fitness, found

@@ -1,7 +1,7 @@
 """Semi-wrapped Gaussian mixture over (heading, speed): density and expectation maximisation.
 
 p(theta, rho) = sum_j w_j sum_{k=-1..1} N([theta + 2 pi k, rho]; mu_j, Sigma_j), the mixture of the CLiFF-map
-(paper Sec. III-B.1; T. Kucner et al., Enabling flow awareness for mobile robots in partially observable environments,
+(paper Sec. III-C.1; T. Kucner et al., Enabling flow awareness for mobile robots in partially observable environments,
 RA-L 2017).
 A component is six numbers: weight, mean heading, mean speed, var(heading), cov(heading, speed), var(speed).
 """

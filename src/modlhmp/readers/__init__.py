@@ -48,10 +48,12 @@ def _day_and_origin(timezone: str, day: str, start: str | None) -> tuple[tuple[f
     zone = ZoneInfo(timezone)
     try:
         date, clock = datetime.fromisoformat(day), time.fromisoformat(start or "00:00")
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise DataError(
             f'day {day!r}, start {start!r}: give a date and a clock time, as "2012-10-24" and "09:00"'
         ) from None
+    if not 1900 < date.year < 2200:
+        raise DataError(f"day {day!r}: give a date of our time")
     midnight = date.replace(tzinfo=zone)
     limits = midnight.timestamp(), (date + timedelta(days=1)).replace(tzinfo=zone).timestamp()
     if start is None:

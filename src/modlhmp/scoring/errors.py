@@ -1,9 +1,12 @@
 """Truth, displacement errors (paper Sec. IV-D), and paths that end up inside walls."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from modlhmp.floor_plan import FloorPlan, value_at
-from modlhmp.tracks import Tracks, positions_at
+from modlhmp.site import Site
+from modlhmp.tracks import Tracks, positions_at, usable_tracks
 
 MIN_DEPTH_M = 0.3  # a path this deep inside occupied area is infeasible
 
@@ -44,6 +47,17 @@ def is_idle(tracks: Tracks, rows: np.ndarray, apart: int = 5, min_displacement_m
     return close[last] > close[rows[:, 0]]
 
 
+def lengths_counted(recordings: Iterable[Tracks], site: Site, protocol: str) -> np.ndarray:
+    """Seconds from t0 to the end of every usable track of several track tables that a protocol counts, [n]."""
+    parts, idle_filter = [np.empty(0)], site.paper_protocol.idle_filter if protocol == "paper" else None
+    for tracks in recordings:
+        rows = usable_tracks(tracks, site.observed_rows)
+        if idle_filter:
+            rows = rows[~is_idle(tracks, rows, idle_filter.rows, idle_filter.min_displacement_m)]
+        parts.append(tracks.t[rows[:, 1]] - tracks.t[rows[:, 0] + site.observed_rows - 1])
+    return np.concatenate(parts)
+
+
 def enters_occupied(plan: FloorPlan, depth: np.ndarray, start: np.ndarray, xy: np.ndarray) -> np.ndarray:
     """Whether a path has been `MIN_DEPTH_M` or more inside occupied area by each step and had not started there.
 
@@ -61,3 +75,11 @@ def nan_mean(values: np.ndarray, axis: int) -> np.ndarray:
     number = finite.sum(axis=axis)
     total = np.where(finite, values, 0).sum(axis=axis, dtype=np.float64)
     return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+
+
+def seed_mean(values: np.ndarray) -> np.ndarray:
+    """Mean of the seeds' own means over the tracks that each scored: [seeds, tracks, ...] to [...].
+
+    Not the mean over all tracks that any seed scored: that grows with the number of seeds, towards harder tracks.
+    """
+    return nan_mean(nan_mean(values, axis=1), axis=0)

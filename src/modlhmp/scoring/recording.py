@@ -24,18 +24,17 @@ def score_recording(
 
     `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other. `ade` and `fde` [m] are lists
     over horizons, NaN where not scored; `eligible_steps` says to which step the track counts, `scored_steps` to how
-    many it was scored, and `why_not` the reason where the two differ. With a `FloorPlan` there are also `infeasible`,
-    lists of whether the forecast has been inside a wall (`errors.enters_occupied`), and `truth_infeasible_from`, the
-    first step at which the person's own path has (0: never). Empty if the recording has no usable track.
+    many it was scored, and `why_not` the reason where the two differ; `alive_steps` is how long the longest-lived
+    future stayed on the map, 0 where the method could not forecast the track at all. With a `FloorPlan` there are also
+    `infeasible`, lists of whether the forecast has been inside a wall (`errors.enters_occupied`), and
+    `truth_infeasible_from`, the first step at which the person's own path has (0: never). Empty if the recording has no
+    usable track.
     """
     rows = usable_tracks(tracks, site.observed_rows)
     ids = tracks.track_id[rows[:, 0]]
     steps = site.steps
     truth, length = ground_truth(tracks, rows, site.observed_rows, steps, site.time_step_s)
-    idle_filter = site.paper_protocol.idle_filter
-    idle = np.zeros(len(rows), bool)
-    if idle_filter:
-        idle = is_idle(tracks, rows, idle_filter.rows, idle_filter.min_displacement_m)
+    idle = _idle(tracks, rows, site)
     eligible = {"paper": np.where(idle, 0, length), "complete": length}
     t0 = rows[:, 0] + site.observed_rows - 1
     hours = clock_hours(tracks.t[t0], site.timezone)
@@ -55,6 +54,7 @@ def score_recording(
         forecast = whole.results
         infeasible = None if floor_plan is None else enters_occupied(floor_plan, depth, start[rows], forecast.xy)
         mine = {protocol: number[rows] for protocol, number in eligible.items()}
+        alive = forecast.steps_alive.max(axis=1).astype(np.int32)
         for (output, protocol), values in score(forecast, truth[rows], mine, infeasible).items():
             scored = np.isfinite(values["ade"]).sum(axis=1)
             wanted = np.minimum(mine[protocol], steps)
@@ -62,16 +62,25 @@ def score_recording(
             if protocol == "paper":
                 reason = np.where(idle[rows], "idle", reason)
             one = {"recording": recording, "output": output, "protocol": protocol}
-            whose = {name: values[rows] for name, values in by_track.items()}
+            whose = {name: values[rows] for name, values in by_track.items()} | {"alive_steps": alive}
             tables.append(_table(one, seed, whose, wanted, scored, reason, values))
     if any(number != len(ids) for number in of_seed.values()):
         raise ValueError(f"{recording}: the forecasts are of fewer tracks than the recording's; remake them")
     if not tables:
         nothing, no_errors = np.empty(0, int), np.empty((0, steps))
         one = {"recording": recording, "output": "", "protocol": ""}
+        by_track["alive_steps"] = nothing.astype(np.int32)
         values = dict.fromkeys(("ade", "fde") if floor_plan is None else ("ade", "fde", "infeasible"), no_errors)
         tables = [_table(one, 0, by_track, nothing, nothing, nothing.astype(str), values)]
     return pa.concat_tables(tables).unify_dictionaries()
+
+
+def _idle(tracks, rows, site):
+    """Whom the paper protocol leaves out as idle, [n]."""
+    idle_filter = site.paper_protocol.idle_filter
+    if idle_filter is None:
+        return np.zeros(len(rows), bool)
+    return is_idle(tracks, rows, idle_filter.rows, idle_filter.min_displacement_m)
 
 
 def _table(one, seed, by_track, wanted, scored, reason, values):

@@ -1,18 +1,60 @@
 """Paired one-sided t-tests of every pair of methods that a run compares: is the first one's error smaller?"""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from modlhmp.scoring.errors import seed_mean
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.ttests import holm, paired_test
-from modlhmp.study.summary import ErrorsByOutput, main_output
+from modlhmp.study.summary import Errors, ErrorsByOutput, main_output
 
+LEAST_DAYS = 5  # with fewer, no test over days can reach p < 0.05 (signs of 4 differences: 1 in 16)
 COLUMNS = (
-    "dataset", "protocol", "horizon_s", "metric", "method", "against", "output", "output_against", "n",
-    "mean_difference_m", "ci_low_m", "ci_high_m", "effect_size", "t", "p", "p_holm",
+    "dataset", "protocol", "horizon_s", "metric", "method", "against", "output", "output_against", "n", "clusters",
+    "mean_m", "mean_against_m", "mean_difference_m", "ci_low_m", "ci_high_m", "effect_size", "t", "p", "p_greater",
+    "n_unknown", "p_known", "p_greater_known", "p_holm", "p_greater_holm",
 )  # fmt: skip
+
+
+class Pair(NamedTuple):
+    """Two methods' errors on the tracks that both have, in the same order.
+
+    `ours`, `theirs` [seeds, tracks, H] in m, NaN where either was not scored; `keys` [tracks]; `cluster` [tracks];
+    `unknown` [tracks]: whether one of the two could not forecast the track.
+    """
+
+    keys: np.ndarray
+    ours: np.ndarray
+    theirs: np.ndarray
+    cluster: np.ndarray
+    unknown: np.ndarray
+
+
+def main_errors(errors: ErrorsByOutput, protocol: str) -> Errors:
+    """Errors of the output that stands for a method."""
+    return errors[main_output({output for output, _ in errors}), protocol]
+
+
+def clusters(keys: Sequence[str] | np.ndarray, days: Mapping[str, str]) -> np.ndarray:
+    """What tests and intervals are over: the days of tracks "recording/track" where there are enough, else persons.
+
+    `days` maps a recording to its day: people of one day share it, so days are what another sample would differ by.
+    """
+    if len(set(days.values())) < LEAST_DAYS:
+        return np.asarray(keys)
+    return np.array([days[key.rsplit("/", 1)[0]] for key in keys])
+
+
+def side_by_side(one: Errors, other: Errors, metric: str, days: Mapping[str, str]) -> Pair:
+    """Two methods side by side; a method of one seed stands beside every seed of the other."""
+    keys, at_one, at_other = np.intersect1d(one.keys, other.keys, return_indices=True)
+    ours, theirs = np.broadcast_arrays(getattr(one, metric)[:, at_one], getattr(other, metric)[:, at_other])
+    both = np.isfinite(ours) & np.isfinite(theirs)
+    ours, theirs = np.where(both, ours, np.nan), np.where(both, theirs, np.nan)
+    return Pair(keys, ours, theirs, clusters(keys, days), one.unknown[at_one] | other.unknown[at_other])
 
 
 def compare(
@@ -20,24 +62,37 @@ def compare(
     errors: Mapping[str, ErrorsByOutput],
     pairs: Sequence[tuple[str, str]],
     horizons: Sequence[float],
+    days: Mapping[str, str],
 ) -> pd.DataFrame:
     """Test every pair of methods at every horizon [s], ADE and FDE, both protocols; one row per test (`COLUMNS`).
 
-    `errors` maps a method to what `summary.at_horizons` gives for `horizons`; `pairs` lists (method, against). Holm's
-    correction is over all tests of one dataset and protocol.
+    `errors` maps a method to what `summary.at_horizons` gives for `horizons`; `pairs` lists (method, against); `days`
+    as of `clusters`. `mean_m`, `mean_against_m` are over the tracks that both scored. `n_unknown` counts those among
+    them that one side could not forecast; `p_known` and `p_greater_known` are without these. Holm's correction is over
+    all tests of one dataset and protocol, once for each side.
     """
     rows = []
     for protocol in PROTOCOLS:
         for ours, theirs in pairs:
             outputs = [main_output({output for output, _ in errors[method]}) for method in (ours, theirs)]
-            a, b = errors[ours][outputs[0], protocol], errors[theirs][outputs[1], protocol]
-            _, at_a, at_b = np.intersect1d(a.keys, b.keys, return_indices=True)
             for metric in ("ade", "fde"):
-                mine, other = a.by_track(metric)[at_a], b.by_track(metric)[at_b]
+                sides = main_errors(errors[ours], protocol), main_errors(errors[theirs], protocol)
+                both = side_by_side(*sides, metric, days)
                 for column, horizon in enumerate(horizons):
-                    test = paired_test(mine[:, column], other[:, column])
-                    rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *test, np.nan))
-    table = pd.DataFrame(rows, columns=COLUMNS)
-    if len(table):
-        table["p_holm"] = table.groupby("protocol")["p"].transform(holm)
+                    rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *_tested(both, column)))
+    table = pd.DataFrame(rows, columns=COLUMNS[:-2])
+    for side in ("p", "p_greater"):
+        table[f"{side}_holm"] = table.groupby("protocol")[side].transform(holm) if len(table) else []
     return table
+
+
+def _tested(both, column):
+    """A row's numbers from n to `p_greater_known`."""
+    ours, theirs = both.ours[:, :, column], both.theirs[:, :, column]
+    test = paired_test(ours, theirs, both.cluster)
+    means = [float(seed_mean(part)) for part in (ours, theirs)]
+    unknown = both.unknown & np.isfinite(ours).any(axis=0)
+    known = ~both.unknown
+    again = paired_test(ours[:, known], theirs[:, known], both.cluster[known]) if unknown.any() else test
+    numbers = (test.mean, test.low, test.high, test.effect, test.t, test.p, test.p_greater)
+    return test.n, test.clusters, *means, *numbers, int(unknown.sum()), again.p, again.p_greater

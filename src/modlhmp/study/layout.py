@@ -65,10 +65,6 @@ class Layout:
         """One hour of a kind's map."""
         return f"{self.map(dataset, kind)}/{hour:02d}.parquet"
 
-    def map_whole(self, dataset: str, kind: str) -> str:
-        """What an hourly kind's map has beside its hours (STeF: the periodic functions)."""
-        return f"{self.results}/{dataset}/maps/{kind}.parquet"
-
     def weights(self, dataset: str, method: str) -> str:
         """Weights of a trained network."""
         return f"{self.results}/{dataset}/models/{method}.pt"

@@ -7,6 +7,7 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.methods import Method
 from modlhmp.settings import as_plain
+from modlhmp.study.claims import claimed_pairs
 from modlhmp.study.layout import Layout
 from modlhmp.study.settings import RunSettings
 
@@ -65,6 +66,14 @@ class Plan:
     def compared_kinds(self) -> set[str]:
         """Kinds of the compared methods."""
         return {self.run.kind(name).name for name in self.run.compare}
+
+    @property
+    def tested_pairs(self) -> list[list[str]]:
+        """Pairs of the t-tests: those of the run, and those of the paper's claims that are not among them."""
+        pairs = [pair for pair in self.run.comparisons if set(pair) <= set(self.run.compare)]
+        claimed = claimed_pairs({name: self.run.kind(name).name for name in self.run.compare})
+        pairs += [pair for pair in claimed if not {pair, pair[::-1]} & set(pairs)]
+        return [list(pair) for pair in pairs]
 
     @property
     def learned(self) -> list[str]:

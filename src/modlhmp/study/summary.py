@@ -8,13 +8,13 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 
-from modlhmp.scoring.errors import nan_mean
+from modlhmp.scoring.errors import nan_mean, seed_mean
 from modlhmp.storage import column, read_parquet, read_pieces
 
 COLUMNS = (
     "dataset", "method", "output", "protocol", "horizon_s", "ade_m", "fde_m",
     "ade_sd_m", "fde_sd_m", "ade_seed_sd_m", "n", "eligible", "seeds",
-    "own_ade_m", "own_fde_m", "own_n", "infeasible", "truth_infeasible",
+    "all_ade_m", "all_fde_m", "all_n", "own_ade_m", "own_fde_m", "own_n", "infeasible", "truth_infeasible",
 )  # fmt: skip
 
 METRICS = ("ade", "fde", "infeasible")
@@ -26,7 +26,8 @@ class Errors(NamedTuple):
     """Errors of one method, output and protocol; tracks in a fixed order.
 
     `keys` [tracks] are "recording/track"; `ade`, `fde` [seeds, tracks, T] float32 in m, NaN where not scored;
-    `eligible_steps` [tracks]. With a floor plan, `infeasible` [seeds, tracks, T] is 1 where the forecast has been
+    `eligible_steps` [tracks]; `unknown` [tracks]: whether the method could not forecast it, with some seed: no
+    dynamics from t0 on. With a floor plan, `infeasible` [seeds, tracks, T] is 1 where the forecast has been
     inside a wall (a share where it is a mean of several), and `truth_infeasible` [tracks, T] says so of the truth.
     """
 
@@ -34,6 +35,7 @@ class Errors(NamedTuple):
     ade: np.ndarray
     fde: np.ndarray
     eligible_steps: np.ndarray
+    unknown: np.ndarray
     infeasible: np.ndarray | None = None
     truth_infeasible: np.ndarray | None = None
 
@@ -63,11 +65,13 @@ def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) ->
         }
         eligible = np.zeros(len(keys), np.int64)
         eligible[track] = group["eligible_steps"]
+        unknown = np.zeros(len(keys), bool)
+        np.logical_or.at(unknown, track, group["alive_steps"] == 0)
         if "infeasible" in arrays:
             first = np.zeros(len(keys), np.int64)
             first[track] = group["truth_infeasible_from"]
             arrays["truth_infeasible"] = (first[:, None] > 0) & (step >= first[:, None])
-        found[key] = Errors(keys, eligible_steps=eligible, **arrays)
+        found[key] = Errors(keys, eligible_steps=eligible, unknown=unknown, **arrays)
     begin = 0
     for piece in read_pieces(path, metrics):
         of = rows.iloc[begin : begin + len(piece)].groupby(["output", "protocol"], observed=True).indices
@@ -82,48 +86,46 @@ def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) ->
 def summarise(dataset: str, method: str, errors: ErrorsByOutput, step_s: float) -> pd.DataFrame:
     """Rows of `results.csv` for one method: one per output, protocol and horizon.
 
-    `errors` as from `read_errors`. Mean over seeds per track first, then over tracks; SD over tracks;
-    `ade_seed_sd_m` is the SD over seeds of the mean error; `n` scored tracks (mean over seeds) of `eligible`.
-    `own_ade_m`, `own_fde_m`, `own_n`: every track counts at its own length, or at the horizon if it is longer.
+    `errors` as from `read_errors`. `ade_m`, `fde_m`: mean of the seeds' own means over the tracks that each scored,
+    `n` (mean over seeds) of `eligible`; `ade_seed_sd_m` their SD, `ade_sd_m` that over tracks. `all_*`: over the tracks
+    that all seeds scored. `own_*`: every track counts at its own length, or at the horizon if it is longer.
     `infeasible`, `truth_infeasible`: share of the scored forecasts, and of the same tracks' true paths, that have been
     inside a wall; NaN without a floor plan.
     """
     rows = []
     for (output, protocol), one in sorted(errors.items()):
-        ade, fde = one.by_track("ade"), one.by_track("fde")
-        n = np.isfinite(one.ade).sum(axis=1).mean(axis=0)
-        seed_means = nan_mean(one.ade, axis=1)
-        own = [at_own_length(metric, one.eligible_steps) for metric in (ade, fde, np.isfinite(one.ade).mean(axis=0))]
-        nothing = np.full(ade.shape[1], np.nan)
-        entered = truth_entered = nothing
+        both = (one.ade, one.fde)
+        means, spread = [seed_mean(each) for each in both], [one.by_track("ade"), one.by_track("fde")]
+        n, seed_means = np.isfinite(one.ade).sum(axis=1).mean(axis=0), nan_mean(one.ade, axis=1)
+        by_all = np.isfinite(one.ade).all(axis=0)
+        common = [seed_mean(np.where(by_all, each, np.nan)) for each in both]
+        own = [at_own_length(each, one.eligible_steps) for each in (*both, np.isfinite(one.ade).astype(float))]
+        own_means, own_n = [seed_mean(each) for each in own[:2]], np.nansum(own[2], axis=1).mean(axis=0)
+        entered = truth_entered = np.full(one.ade.shape[2], np.nan)
         if one.infeasible is not None and one.truth_infeasible is not None:
-            entered = nan_mean(one.by_track("infeasible"), axis=0)
-            truth_entered = nan_mean(np.where(np.isfinite(ade), one.truth_infeasible, np.nan), axis=0)
-        for step in range(ade.shape[1]):
+            entered = seed_mean(one.infeasible)
+            truth_entered = seed_mean(np.where(np.isfinite(one.ade), one.truth_infeasible, np.nan))
+        for step in range(one.ade.shape[2]):
             rows.append((
-                dataset, method, output, protocol, (step + 1) * step_s,
-                *(float(nan_mean(e[:, step], axis=0)) for e in (ade, fde)),
-                *(sample_sd(e[:, step]) for e in (ade, fde)),
-                sample_sd(seed_means[:, step]), n[step], int((one.eligible_steps > step).sum()), len(one.ade),
-                *(float(nan_mean(e[:, step], axis=0)) for e in own[:2]), float(np.nansum(own[2][:, step])),
-                entered[step], truth_entered[step],
+                dataset, method, output, protocol, (step + 1) * step_s, *(float(each[step]) for each in means),
+                *(sample_sd(each[:, step]) for each in spread), sample_sd(seed_means[:, step]), n[step],
+                int((one.eligible_steps > step).sum()), len(one.ade),
+                *(float(each[step]) for each in common), int(by_all[:, step].sum()),
+                *(float(each[step]) for each in own_means), float(own_n[step]), entered[step], truth_entered[step],
             ))  # fmt: skip
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def at_horizons(path: str | Path, horizons_s: Sequence[float], step_s: float) -> ErrorsByOutput:
-    """An errors file at these horizons only, the seeds averaged, [1, tracks, H]: what comparisons of methods need."""
-    errors = read_errors(path, [round(horizon / step_s) - 1 for horizon in horizons_s])
-    return {
-        key: one._replace(**{m: one.by_track(m)[None] for m in METRICS if getattr(one, m) is not None})
-        for key, one in errors.items()
-    }
+    """An errors file at these horizons only: what comparisons of methods need."""
+    return read_errors(path, [round(horizon / step_s) - 1 for horizon in horizons_s])
 
 
-def at_own_length(by_track: np.ndarray, eligible_steps: np.ndarray) -> np.ndarray:
-    """Values [tracks, T] of each track at its own length, or at the horizon where it is longer; NaN for length 0."""
-    steps = np.minimum(np.arange(by_track.shape[1]), eligible_steps[:, None] - 1)
-    return np.where(steps >= 0, np.take_along_axis(by_track, np.maximum(steps, 0), axis=1), np.nan)
+def at_own_length(values: np.ndarray, eligible_steps: np.ndarray) -> np.ndarray:
+    """Values [..., tracks, T] of each track at its own length, or at the horizon if it is longer; NaN for length 0."""
+    steps = np.minimum(np.arange(values.shape[-1]), eligible_steps[:, None] - 1)
+    at = np.broadcast_to(np.maximum(steps, 0), values.shape)
+    return np.where(steps >= 0, np.take_along_axis(values, at, axis=-1), np.nan)
 
 
 def main_output(outputs: Collection[str]) -> str:

@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.forecasting.observe import seconds_after_t0
 from modlhmp.logs import progress
+from modlhmp.scoring.errors import lengths_counted
+from modlhmp.storage import read_parquet
 from modlhmp.study.claims import Evidence, claim_horizons, idle_keys, test_claims
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
@@ -17,9 +18,11 @@ from modlhmp.study.summary import at_horizons
 from modlhmp.tracks import read_tracks
 
 NOTE = (
-    "Verdicts: supported (p < 0.05 after Holm's correction over the tests of a dataset and protocol, or the number "
-    "itself), contradicted (the 95 % interval lies on the other side), not shown (neither). Under the paper "
-    "protocol the tracks are those that both sides scored. The recordings are not all the paper's: docs/results.md."
+    "Verdicts: supported (p < 0.05 after Holm's correction, or the number itself), contradicted (the same for the "
+    "opposite), not shown (neither). Tests between methods have the corrected p of the table of t-tests; the others "
+    "are corrected over those of this table of one dataset and protocol. `not forecast` counts tracks that one side "
+    "could not forecast; a verdict that rests on them says so. Under the paper protocol the tracks are those that both "
+    "sides scored. The recordings are not all the paper's: docs/results.md."
 )
 
 
@@ -33,17 +36,21 @@ def draw(
     studies: Mapping[str, Sequence[float]],
     horizons: Sequence[float],
     measured: Sequence[str],
+    days: Mapping[str, Mapping[str, str]],
 ) -> None:
     """Test every claim on every dataset and write the table.
 
     `recordings` are the test recordings of each dataset by its name, `titles` and `kinds` are of the compared methods,
     `studies` has the values of each studied parameter of TC-CLiFF, `horizons` [s] are those of the tables, `measured`
-    names the datasets that the runtime study has been run on.
+    names the datasets that the runtime study has been run on, `days` has the day of each recording by dataset.
     """
     evidence = [
-        gather(layout, dataset, recordings[dataset.name], titles, studies, horizons, dataset.name in measured)
+        gather(
+            layout, dataset, recordings[dataset.name], titles, studies, horizons, dataset.name in measured,
+            days[dataset.name],
+        )
         for dataset in datasets
-    ]
+    ]  # fmt: skip
     table = test_claims(evidence, titles, kinds)
     write_claims(table, any(dataset.demo for dataset in datasets), stem)
 
@@ -56,6 +63,7 @@ def gather(
     studies: Mapping[str, Sequence[float]],
     table_horizons: Sequence[float],
     measured: bool,
+    days: Mapping[str, str],
 ) -> Evidence:
     """All that the claims need to know of one dataset; arguments as of `draw`."""
     name, step_s = dataset.name, dataset.time_step_s
@@ -63,11 +71,12 @@ def gather(
     lengths, idle = [], set()
     for recording in recordings:
         tracks = read_tracks(layout.tracks(name, recording))
-        lengths.append(seconds_after_t0([tracks], dataset.observed_rows))
+        lengths.append(lengths_counted([tracks], dataset, "paper"))
         idle |= idle_keys(recording, tracks, dataset.observed_rows)
     return Evidence(
         dataset,
         horizons,
+        read_parquet(layout.ttests(name)).to_pandas(),
         {
             method: at_horizons(layout.errors(name, method), horizons, step_s)
             for method in progress(methods, desc="methods")
@@ -80,6 +89,7 @@ def gather(
         },
         np.concatenate(lengths),
         idle,
+        days,
         json.loads(Path(layout.runtime(name)).read_text(encoding="utf-8")) if measured else None,
     )
 
@@ -87,7 +97,13 @@ def gather(
 def write_claims(table: pd.DataFrame, demo: bool, stem: str) -> None:
     """Write what `test_claims` gave in the forms of a table."""
     shown = table.copy()
-    shown["n"] = [f"{n:.0f}" if np.isfinite(n) else "" for n in table["n"].astype(float)]
-    for name, form in (("mean difference", "{:.3f}"), ("p", "{:.2g}"), ("p Holm", "{:.2g}")):
+    for name in ("n", "clusters", "not forecast"):
+        shown[name] = [f"{n:.4g}" if np.isfinite(n) else "" for n in table[name].astype(float)]
+    for name, form in (
+        ("mean difference", "{:.3f}"),
+        ("p", "{:.2g}"),
+        ("p Holm", "{:.2g}"),
+        ("p Holm, opposite", "{:.2g}"),
+    ):
         shown[name] = [form.format(v) if np.isfinite(v) else "" for v in table[name].astype(float)]
     write_table(shown.fillna(""), stem, "The paper's claims, tested", demo, NOTE)

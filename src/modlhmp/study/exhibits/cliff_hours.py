@@ -13,8 +13,8 @@ COLUMNS = ["hour", "x", "y", "mean_heading", "mean_speed", "weight", "p"]
 
 
 def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
-    """Draw the TC-CLiFF-maps of `dataset.figure_hours`, one per panel."""
-    hours = dataset.figure_hours
+    """Draw the TC-CLiFF-maps of a few hours, one per panel."""
+    hours = map_panels.hours_drawn(layout, dataset, "tc_cliff")
     tables = {hour: read_components(layout, dataset, hour) for hour in hours}
     tables = {hour: table.loc[table.groupby("location")["weight"].idxmax()] for hour, table in tables.items()}
     drawn = pd.concat(tables.values(), ignore_index=True)

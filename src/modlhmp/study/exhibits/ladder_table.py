@@ -9,15 +9,16 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
+from modlhmp.study.comparisons import LEAST_DAYS
 from modlhmp.study.exhibits.table_forms import write_table
-from modlhmp.study.ladder import LEAST_DAYS
 from modlhmp.study.layout import Layout
 
 NOTE = (
-    "Errors are ADE / FDE in m, seeds averaged per track first; brackets hold 95 % bootstrap intervals over {over}. "
+    "Errors are ADE / FDE in m, the mean of the seeds' means; brackets hold 95 % intervals over {over}. "
     "Every row is compared with the one above it and with {reference}, on the same tracks (complete protocol: every "
     "eligible track counts). The paper protocol is at the right: it drops idle tracks where the dataset says so, "
-    "and forecasts that have left the map. Cost is the time of a forecast to the longest horizon on one core."
+    "and forecasts that have left the map. `not forecast` counts tracks that one of the two "
+    "could not forecast: no dynamics from t0 on. Cost is the time of a forecast to the longest horizon on one core."
 )
 
 
@@ -64,13 +65,13 @@ def _rungs(scored, compared, rows, above, reference, horizon, costs, titles):
                 "what changes": change,
                 "method": titles[method],
                 "ADE / FDE [m]": _errors(complete),
-                "n": f"{complete.n}",
+                "n": f"{complete.n:g}",
                 "ADE less the row above": _difference(compared, "complete", horizon, method, above.get(method)),
                 f"less {titles[reference]}": _difference(compared, "complete", horizon, method, reference),
                 "FDE, the same": _difference(compared, "complete", horizon, method, reference, "fde"),
                 "ms per track": f"{costs[method]:.2g}" if np.isfinite(costs.get(method, np.nan)) else "–",
                 "paper protocol": _errors(paper),
-                "paper protocol: n": f"{paper.n}/{paper.eligible}",
+                "paper protocol: n": f"{paper.n:g}/{paper.eligible}",
             }
         )
     return pd.DataFrame(table)
@@ -102,7 +103,8 @@ def _difference(compared, protocol, horizon, method, against, metric="ade"):
     if not one.n:
         return "–"
     interval = f" ({one.low_m:+.2f} to {one.high_m:+.2f})" if np.isfinite(one.low_m) else ""
-    return f"{one.difference_m:+.2f}{interval}, {one.percent:+.0f} %"
+    unknown = f", {one.n_unknown} not forecast" if one.n_unknown else ""
+    return f"{one.difference_m:+.2f}{interval}, {one.percent:+.0f} %{unknown}"
 
 
 def _row(table, protocol, horizon, **wanted):

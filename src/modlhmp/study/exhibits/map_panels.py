@@ -6,11 +6,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from modlhmp.datasets import Dataset
+from modlhmp.maps.base import hour_files
 from modlhmp.study.exhibits import style
+from modlhmp.study.layout import Layout
 
 ARROW_M_PER_MPS = 1.0  # an arrow shows where a walker is a second later
 MARGIN_M = 1.0
 MOST_VECTORS = 1500  # more arrows in a panel become pixels in the PDF, which would be megabytes large
+
+
+def hours_drawn(layout: Layout, dataset: Dataset, kind: str) -> list[int]:
+    """Hours whose maps are drawn: the dataset's `figure_hours`, or the first, a middle and the last with a map."""
+    mapped = list(hour_files(layout.map(dataset.name, kind)))
+    some = sorted({mapped[0], mapped[(len(mapped) - 1) // 2], mapped[-1]}) if mapped else [0]
+    return list(dataset.figure_hours) or some
 
 
 def panels(

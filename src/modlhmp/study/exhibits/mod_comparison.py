@@ -10,8 +10,8 @@ from modlhmp.study.layout import Layout
 
 
 def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
-    """One row per hour of `dataset.figure_hours`: TC-CLiFF left, STeF right; transparency is the weight."""
-    hours = dataset.figure_hours
+    """One row per hour: TC-CLiFF left, STeF right; transparency is the weight."""
+    hours = map_panels.hours_drawn(layout, dataset, "tc_cliff")
     cliff = pd.concat([read_components(layout, dataset, hour) for hour in hours], ignore_index=True)
     cliff = pd.DataFrame(
         {

@@ -35,6 +35,7 @@ def _claims(plan: Plan, datasets: list[Dataset]) -> list[str]:
     return [
         *_tracks(plan, datasets),
         *(plan.layout.errors(dataset.name, method) for dataset in datasets for method in plan.run.compare),
+        *(plan.layout.ttests(dataset.name) for dataset in datasets),
         *_studies(plan, datasets, _claimed_studies(plan)),
         *(plan.layout.runtime(name) for name in _measured(plan, datasets)),
     ]
@@ -94,6 +95,7 @@ def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "studies": _values(plan, _claimed_studies(plan)),
         "horizons": list(plan.run.tables.horizons_s),
         "measured": _measured(plan, datasets),
+        "days": {dataset.name: dataset.days("test") for dataset in datasets},
     }
 
 
@@ -163,7 +165,7 @@ def _parameter_caption(plan: Plan) -> str:
 LADDER = (
     "One change per row, from the paper's configuration to the best one, under the complete protocol: every method "
     "forecasts every eligible track, and no method is told how long a track is. Options were chosen on a part of the "
-    "training recordings kept for validation. Intervals are 95 % bootstrap intervals over persons, or over days "
+    "training recordings kept for validation. Intervals are 95 % intervals over persons, or over days "
     "where there are several test days; the table adds the paired differences, the cost of a forecast, and the paper "
     "protocol. "
     '"Network without a map" knows only the last seconds and the compass: a map helps only where it is better than '

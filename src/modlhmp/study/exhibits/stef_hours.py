@@ -14,8 +14,8 @@ ARROW_OF_CELL = 0.85  # length of an arrow, of a cell
 
 
 def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
-    """Draw the STeF-maps of `dataset.figure_hours`, one per panel."""
-    hours = dataset.figure_hours
+    """Draw the STeF-maps of a few hours, one per panel."""
+    hours = map_panels.hours_drawn(layout, dataset, "stef")
     tables = {hour: read_orientations(layout, dataset, hour) for hour in hours}
     tables = {hour: dominant(table) for hour, table in tables.items()}
     drawn = pd.concat(tables.values(), ignore_index=True)

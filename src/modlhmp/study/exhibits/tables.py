@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.forecasting.observe import seconds_after_t0
+from modlhmp.scoring.errors import lengths_counted
 from modlhmp.scoring.horizons import scored_horizons
+from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits.selection import main_rows, scored_of
 from modlhmp.study.exhibits.table_forms import write_table
@@ -28,12 +29,11 @@ def draw_parameters(
     `recordings` are the test recordings of each dataset by its name; `constants` are `cliff_resolution_m`,
     `stef_resolution_m`, `sampling_radius_m`, `beta` and `k`, the same for all.
     """
-    lengths = {
-        dataset.name: seconds_after_t0(
-            (read_tracks(layout.tracks(dataset.name, one)) for one in recordings[dataset.name]), dataset.observed_rows
-        )
-        for dataset in datasets
-    }
+    lengths = {}
+    for dataset in datasets:
+        tracks = [read_tracks(layout.tracks(dataset.name, one)) for one in recordings[dataset.name]]
+        for protocol in PROTOCOLS:
+            lengths[dataset.name, protocol] = lengths_counted(tracks, dataset, protocol)
     rows = {
         "observation horizon O_s [s]": lambda d: (d.observed_rows - 1) * d.time_step_s,
         "max prediction horizon T_s [s]": lambda d: d.horizon_s,
@@ -43,10 +43,10 @@ def draw_parameters(
         "sampling radius r_s [m]": lambda d: constants["sampling_radius_m"],
         "kernel parameter β": lambda d: constants["beta"],
         "futures per track k": lambda d: constants["k"],
-        "usable test tracks": lambda d: len(lengths[d.name]),
-        "90th percentile of their length after t0 [s]": lambda d: (
-            float(np.percentile(lengths[d.name], 90)) if len(lengths[d.name]) else float("nan")
-        ),
+        "usable test tracks": lambda d: len(lengths[d.name, "complete"]),
+        "90th percentile of their length after t0 [s]": lambda d: _percentile(lengths[d.name, "complete"]),
+        "test tracks that the paper protocol counts": lambda d: len(lengths[d.name, "paper"]),
+        "90th percentile of theirs [s]": lambda d: _percentile(lengths[d.name, "paper"]),
     }
     table = pd.DataFrame({"parameter": list(rows)})
     for dataset in datasets:
@@ -75,7 +75,7 @@ def draw_results(
             others.append((f"{dataset.title}, {protocol} protocol: ADE / FDE [m]", table))
     spread = results["ade_seed_sd_m"].max()
     note = (
-        "ADE / FDE in m: means over the seeds of a track, then over tracks; n: tracks scored / eligible. The columns "
+        "ADE / FDE in m: mean of the seeds' own means; n: tracks scored (mean over seeds) / eligible. The columns "
         "of own lengths (a track counts at its own length, or at the horizon if it is longer) and of the share of "
         "forecasts that come 0.3 m inside a wall are under the complete protocol."
     )
@@ -98,12 +98,20 @@ def draw_ttests(layout: Layout, datasets: Sequence[Dataset], stem: str, methods:
         dataset=tests["dataset"].map({dataset.name: dataset.title for dataset in datasets}),
     )
     shown = tests.drop(columns=["output", "output_against"])
-    for name in ("mean_difference_m", "ci_low_m", "ci_high_m", "effect_size", "t"):
+    for name in ("mean_m", "mean_against_m", "mean_difference_m", "ci_low_m", "ci_high_m", "effect_size", "t"):
         shown[name] = shown[name].map("{:.3f}".format)
-    for name in ("p", "p_holm"):
+    for name in ("p", "p_greater", "p_known", "p_greater_known", "p_holm", "p_greater_holm"):
         shown[name] = shown[name].map("{:.2g}".format)
-    note = "H1: the error of `method` is smaller than that of `against`; Holm-corrected per dataset and protocol."
+    note = (
+        "H1: the error of `method` is smaller than that of `against` (`p`; `p_greater`: larger); Holm-corrected per "
+        "dataset and protocol. Standard errors are over `clusters`: test days where there are five, else persons. "
+        "`n_unknown` tracks could not be forecast by one of the two; `p_known` is without them."
+    )
     write_table(shown, stem, "Paired one-sided t-tests", any(dataset.demo for dataset in datasets), note)
+
+
+def _percentile(lengths):
+    return float(np.percentile(lengths, 90)) if len(lengths) else float("nan")
 
 
 def _longest(rows, dataset, methods):
