@@ -27,7 +27,7 @@ from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks, usable_tracks
 
 STEPS, FUTURES = 8, 3
-OUTPUTS = ("ranked", "median", "mean", "single")
+OUTPUTS = ("ranked", "median", "medoid", "modes", "mean", "single")
 SITE = Site(timezone="Europe/London", hours=(7, 9), horizon_s=STEPS)
 
 
@@ -121,6 +121,9 @@ def check_forecast(forecast: Forecast, observed: Observed, steps: int) -> None:
     assert forecast.steps_alive.shape == (n, k), f"steps_alive has the shape {forecast.steps_alive.shape}"
     lived = forecast.steps_alive
     assert ((lived >= 0) & (lived <= steps)).all(), f"steps_alive runs from {lived.min()} to {lived.max()} of {steps}"
+    if forecast.output == "modes":
+        total = np.exp(forecast.results.log_fitness).sum(axis=1)
+        assert np.allclose(total, 1, atol=1e-4), "the log fitness of the first futures is no log of probabilities"
     if forecast.output == "ranked":
         start = np.column_stack([observed.x[:, -1], observed.y[:, -1]]).astype(np.float32)
         before = np.concatenate([np.broadcast_to(start[:, None, None], (n, k, 1, 2)), forecast.xy], axis=2)

@@ -3,14 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from modlhmp.forecasting.base import Forecast
-from modlhmp.forecasting.ranking import rank_order
+from modlhmp.forecasting.ranking import best_path, rank_order
 from modlhmp.site import Site
 from modlhmp.storage import DataError
+
+if TYPE_CHECKING:
+    from modlhmp.forecasting.modes import Modes
 
 BANDWIDTH_CELLS = 1.0  # a sample's default spread in a density, in cells
 MOST_CELLS = 50_000_000  # of a density; more is a wrong unit, and would not fit in memory
@@ -53,12 +56,12 @@ class Futures:
     @property
     def paths(self) -> np.ndarray:
         """The sampled futures, positions [n, k, T, 2] in m, held once they have stopped (see `known`)."""
-        return self.forecast.xy[:, self._first_sample :]
+        return self.forecast.samples.xy
 
     @property
     def alive(self) -> np.ndarray:
         """Whether each sampled future is still under way [n, k, T]: on the map, and not out of a door."""
-        lived = self.forecast.steps_alive[:, self._first_sample :, None]
+        lived = self.forecast.samples.steps_alive[:, :, None]
         return lived >= np.arange(1, self.forecast.xy.shape[2] + 1)
 
     @property
@@ -70,20 +73,31 @@ class Futures:
     def best(self) -> np.ndarray:
         """The forecast as one path per walker, [n, T, 2] in m.
 
-        Ranked futures: the best ranked at the longest horizon (paper Sec. III-D; the longest on the map first). A
-        method that gives a median or one path: that one. Futures of equal standing: their mean.
+        Ranked futures: the best ranked at the longest horizon (paper Sec. III-D; the longest on the map first), and so
+        for a medoid, the nearest to the others, and for modes, the likeliest. A method that gives a median or one path:
+        that one. Futures of equal standing: their mean.
         """
-        xy = self.forecast.xy
-        if self.forecast.output == "ranked":
-            return xy[np.arange(len(xy)), self.ranks.argmin(axis=1)]
-        return xy.mean(axis=1) if self.forecast.output == "mean" else xy[:, 0]
+        return self.forecast.xy.mean(axis=1) if self.forecast.output == "mean" else best_path(self.forecast)[0]
+
+    @property
+    def modes(self) -> "Modes":
+        """Up to five distinct futures per walker, with probabilities, whatever the output: `forecasting.modes`.
+
+            paths, probabilities, steps_alive = futures.modes
+
+        `paths` [n, 5, T, 2] in m are samples, the likeliest first; `probabilities` [n, 5] are 0 where there are fewer.
+        They are of the whole horizon: forecast to the one that is planned for.
+        """
+        from modlhmp.forecasting.modes import modes_of  # noqa: PLC0415 - a kernel, which few need
+
+        return modes_of(self.forecast.samples)
 
     @property
     def ranks(self) -> np.ndarray:
         """Rank [n, k] of each sampled future at the longest horizon, 0 the best; all 0 where futures are not ranked."""
         n, k = self.paths.shape[:2]
         ranks = np.zeros((n, k), np.int64)
-        if self.forecast.output == "ranked":
+        if self.forecast.output in {"ranked", "medoid"}:
             for row in range(n):
                 walker = Forecast(*(part[row] for part in self.forecast[:3]), self.forecast.output)  # type: ignore[call-arg]
                 ranks[row, rank_order(walker, self.forecast.xy.shape[2])] = np.arange(k)
@@ -138,10 +152,6 @@ class Futures:
         1 from the start for walkers whom the map does not know; `known` tells them apart.
         """
         return 1.0 - self.alive[:, :, self._step(at_s)].mean(axis=1)
-
-    @property
-    def _first_sample(self) -> int:
-        return 1 if self.forecast.output == "median" else 0
 
     def _step(self, at_s: float) -> int:
         return whole_steps("at_s", at_s, self.site, self.times_s[-1]) - 1

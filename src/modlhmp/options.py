@@ -90,8 +90,8 @@ class RollOut:
     velocity: Velocity = option(
         "dataset", "`dataset`: what the dataset says, averaged as in the paper; `differences`: of positions, as vectors"
     )
-    output: Literal["ranked", "geometric_median"] = option(
-        "ranked", "the result: the likeliest future, or the geometric median of all that are still on the map"
+    output: Literal["ranked", "geometric_median", "medoid", "modes"] = option(
+        "ranked", "the result: the likeliest future, or what `episodes` has, of all futures that are still on the map"
     )
     exits: bool = option(False, "whether futures may leave by the ways out that people took")
     without_map: Literal["stop", "whole_day"] = option(
@@ -116,6 +116,11 @@ class Alike:
     hour_m: From0 = option(0.0, "weight of the time of day: metres of distance that equal one hour")
     pace: Share = option(1.0, "1: walks are followed at the walker's speed, 0: at that of the person who made them")
     exclude_s: From0 = option(0.0, "leave out what was recorded within this many seconds of t0 (no contemporaries)")
+    output: Literal["geometric_median", "medoid", "modes"] = option(
+        "geometric_median",
+        "the result: the samples' `geometric_median`, least mean error; their `medoid`, one that somebody could walk; "
+        "or up to five `modes` with probabilities",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

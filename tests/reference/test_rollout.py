@@ -404,7 +404,7 @@ def test_forecast_of_a_recording_does_not_depend_on_how_many_tracks_are_forecast
 
     ((_, ids, whole),) = forecast_recording(table, forecaster, SITE, NAMES, 4, [0])
     monkeypatch.setattr("modlhmp.forecasting.recording.TRACKS_AT_ONCE", 3)
-    for keep, expected in ((None, whole), (2, whole.first(2))):
+    for keep, expected in ((None, whole), (1, whole.first(2))):
         asked.clear()
         blocks = list(forecast_recording(table, forecaster, SITE, NAMES, 4, [0, 1], keep=keep))
         assert asked == 2 * [3, 3, 1]

@@ -11,9 +11,13 @@ from hypothesis import strategies as st
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.median import with_median
+from modlhmp.forecasting.medoid import with_medoid
+from modlhmp.forecasting.modes import with_modes
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.scoring.protocols import score
 from modlhmp.scoring.uncertainty import (
+    MEASURES,
+    OF_MODES,
     energy_score,
     measures,
     own_output,
@@ -182,6 +186,39 @@ def test_measures_equal_the_loop(seed, output):
         np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-5)
 
 
+def test_errors_of_modes_equal_the_loop():
+    """The least of those that there are; a mode of probability 0 is none, however near."""
+    rng = np.random.default_rng(11)
+    forecast, truth = with_modes(futures(rng, n=6, m=9)), rng.normal(0, 1, (6, STEPS, 2))
+    truth[3] = forecast.xy[3, 0]  # the first mode comes true
+    length, steps = np.array([6, 6, 6, 6, 6, 2]), np.array([1, 4, STEPS])
+    got = measures(forecast, truth, length, 9, steps)
+    for i, (column, step) in ((i, pair) for i in range(6) for pair in enumerate(steps)):
+        values = [got[name][i, column] for name in OF_MODES]
+        if length[i] < step:
+            assert np.isnan(values).all()
+            continue
+        modes = [(forecast.xy[i, j], math.exp(forecast.log_fitness[i, j, 0])) for j in range(5)]
+        modes = [(path, p) for path, p in modes if p > 0]
+        away = [[math.dist(path[s], truth[i, s]) for s in range(step)] for path, _ in modes]
+        fde, p = min((one[-1], n) for n, one in enumerate(away))
+        expected = [min(sum(one) / step for one in away), fde, fde + (1 - modes[p][1]) ** 2]
+        np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-6)
+    assert got["modes_fde_m"][3].tolist() == [0, 0, 0]
+    other = measures(futures(rng), truth[:4], length[:4], 3, steps)
+    assert all(np.isnan(other[name]).all() for name in OF_MODES)
+
+
+def test_the_output_of_a_medoid_and_of_modes_is_what_is_scored():
+    rng = np.random.default_rng(12)
+    truth, length = rng.normal(0, 1, (4, STEPS, 2)), np.full(4, STEPS)
+    for forecast in (with_medoid(futures(rng)), with_modes(futures(rng))):
+        scored = score(forecast, truth, {"paper": length, "complete": length})[forecast.output, "complete"]["fde"]
+        got = measures(forecast, truth, length, 2, np.arange(1, STEPS + 1))
+        np.testing.assert_allclose(got["real_m"], scored, rtol=1e-5)
+        assert got["left"].tolist() == measures(forecast.samples, truth, length, 2, np.arange(1, 7))["left"].tolist()
+
+
 def test_nothing_alive_and_one_sample():
     """Held where they ended: one distinct sample, whose energy score is its error, sure that the person has left."""
     xy, alive = np.full((1, 6, 2, 2), 3.0, np.float32), np.zeros((1, 6), np.int32)
@@ -298,7 +335,7 @@ def test_bins_by_hand():
 def test_brier_by_hand():
     """Of four people one has left; said with 0.75 of that one, 0.25 of the others."""
     nothing = np.zeros((4, 1))
-    by_track = dict.fromkeys(("energy_m", "best_ade_m", "best_fde_m", "expected_m", "real_m", "samples"), nothing)
+    by_track = dict.fromkeys(MEASURES, nothing)
     left, has_left = np.array([[0.75], [0.25], [0.25], [0.25]]), np.array([[1.0], [0], [0], [0]])
     by_track |= {"left": left, "has_left": has_left, "brier": (left - has_left) ** 2}
     row = summarise("hall", "m", [5.0], by_track).iloc[0]

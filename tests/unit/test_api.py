@@ -269,6 +269,40 @@ def test_shapes_and_who_is_still_there(maps):
     np.testing.assert_array_equal(ranked.best[3], ranked.paths[3, ranked.ranks[3].argmin()])
 
 
+@pytest.mark.parametrize("kind", ["episodes", "snippets", "cliff"])
+def test_a_medoid_is_one_of_the_samples(maps, kind):
+    """The samples are those of the default output; the best is one of them, and ranks first."""
+    median = modlhmp.forecast(maps[kind], seen(PEOPLE), k=7)
+    futures = modlhmp.forecast(maps[kind], seen(PEOPLE), k=7, output="medoid")
+    np.testing.assert_array_equal(futures.paths, median.paths)
+    np.testing.assert_array_equal(futures.alive, median.alive)
+    rows = np.arange(len(futures.paths))
+    np.testing.assert_array_equal(futures.best, futures.paths[rows, futures.ranks.argmin(axis=1)])
+    assert modlhmp.score(futures, PEOPLE).output == "medoid"
+
+
+@pytest.mark.parametrize("kind", ["episodes", "snippets", "cliff"])
+def test_modes_come_with_probabilities_whatever_the_output(maps, kind):
+    usual = modlhmp.forecast(maps[kind], seen(PEOPLE), k=7)
+    futures = modlhmp.forecast(maps[kind], seen(PEOPLE), k=7, output="modes")
+    np.testing.assert_array_equal(futures.paths, usual.paths)
+    for ours, theirs in zip(futures.modes, usual.modes, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    paths, probabilities, _ = futures.modes
+    assert paths.shape == (len(futures.track_id), 5, 8, 2)
+    np.testing.assert_allclose(probabilities.sum(axis=1), 1)
+    assert all((best == modes).all(axis=(1, 2)).any() for best, modes in zip(futures.best, paths, strict=True))
+    assert modlhmp.score(futures, PEOPLE).output == "modes"
+    assert futures.left(8).tolist() == usual.left(8).tolist()
+
+
+def test_one_path_is_one_mode():
+    paths, probabilities, alive = modlhmp.forecast("cvm", STRAIGHT, horizon_s=3).modes
+    np.testing.assert_array_equal(paths[0, 0], modlhmp.forecast("cvm", STRAIGHT, horizon_s=3).best[0])
+    assert probabilities.tolist() == [[1, 0, 0, 0, 0]]
+    assert alive.tolist() == [[3, 0, 0, 0, 0]]
+
+
 def test_a_density_sums_to_one_around_where_they_may_be(maps):
     futures = modlhmp.forecast(maps["snippets"], seen(PEOPLE), k=100)
     p, (x_low, x_high, y_low, y_high) = futures.density(at_s=4, cell_m=0.25, walker=5)

@@ -46,6 +46,12 @@ def test_built_in_kinds_keep_it(kind):
     check_kind(kind, **{name: value for name, value in SMALL.get(kind.name, {}).items() if name in known})
 
 
+@pytest.mark.parametrize("output", ["medoid", "modes"])
+@pytest.mark.parametrize("name", ["cliff", "episodes", "snippets"])
+def test_every_output_keeps_it(name, output):
+    check_kind(kinds.find(name), output=output)
+
+
 @pytest.mark.parametrize("name", ["MEAN_FLOW", "STANDING", "LINE"])
 def test_an_outside_package_keeps_it(monkeypatch, registered, name):
     """The three that `tests/outside/walking` registers by entry points."""
@@ -228,7 +234,7 @@ def test_a_map_that_comes_back_as_another_one_is_found(registered, monkeypatch, 
         (made(in_float64), "xy is float64, float32 is stored"),
         (made(without_a_number), "a position is not a number; hold a future that stops at its last one"),
         (made(too_long), "log_fitness has the shape|xy has the shape"),
-        (made(of_no_output), "output 'best' is none of ranked, median, mean, single"),
+        (made(of_no_output), "output 'best' is none of ranked, median, medoid, modes, mean, single"),
         (made(alive_for_too_long), "steps_alive runs from 9 to 9 of 8"),
         (made(by_keys), "it is not `random`, but the keys change its forecasts"),
         (made(options=Silent), r"options \['metres'\] of Silent say nothing: use modlhmp.settings.option"),

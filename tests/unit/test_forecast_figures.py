@@ -106,12 +106,13 @@ def test_half_the_horizon_where_it_is_short():
 
 
 @pytest.mark.parametrize(
-    ("output", "shown"), [("ranked", [1]), ("median", [0]), ("mean", [0, 1, 2]), ("single", [0, 1, 2])]
+    ("output", "shown"),
+    [("ranked", [1]), ("medoid", [1]), ("modes", [1]), ("median", [0]), ("mean", [0, 1, 2]), ("single", [0, 1, 2])],
 )
 def test_the_futures_that_make_the_result_are_shown(output, shown):
     """The best ranked; the median, which stands before its samples, all ranked alike; all whose errors are averaged."""
     fitness = np.zeros((3, 4))
-    fitness[1] = output == "ranked"
+    fitness[1] = output in {"ranked", "medoid", "modes"}
     forecast = Forecast(np.zeros((3, 4, 2)), fitness, np.full(3, 4), output)
     assert example_forecasts.shown_futures(forecast, 4).tolist() == shown
 

@@ -18,10 +18,11 @@ from modlhmp.study.exhibits import memory_maps
 from modlhmp.tracks import empty_tracks, write_tracks
 
 
-def make_run(layout, dataset=HALL, rows=4 + STEPS, training=None):
+def make_run(layout, dataset=HALL, rows=4 + STEPS, training=None, output="median", lives=(None, 2, 0)):
     """Five people, forecasts of three futures by both methods, and a snippet map of other people.
 
-    The forecast's first future is 1 m aside, times the person's id; the second leaves after 4 s, the third at once.
+    The forecast's first future is 1 m aside, times the person's id; the second leaves after 4 s, the third at once:
+    `lives` in steps, None to the end.
     """
     tracks, ids = walkers(rows), np.arange(1, 6 if rows > 4 else 1)
     write_tracks(tracks, layout.tracks(dataset.name, "day"))
@@ -29,8 +30,8 @@ def make_run(layout, dataset=HALL, rows=4 + STEPS, training=None):
     xy = np.zeros((len(ids), 3, steps, 2), np.float32)
     xy[..., 0] = 6.0 + 2.0 * np.arange(1, steps + 1)
     xy[..., 1] = (2 * ids)[:, None, None] + np.arange(3)[:, None]
-    alive = np.tile(np.array([steps, 2, 0], np.int32), (len(ids), 1))
-    forecast = Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median")
+    alive = np.tile(np.array([steps if life is None else life for life in lives], np.int32), (len(ids), 1))
+    forecast = Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, output)
     for method in METHODS:
         write_forecasts(layout.forecast(dataset.name, method, "day"), [(0, ids, forecast)])
         errors = score_recording(tracks, [(0, ids, forecast)], "day", dataset)
@@ -66,6 +67,14 @@ def test_the_median_and_the_samples_are_in_the_table(layout, figures):
     assert table["what"].value_counts().to_dict() == {"forecast": 2 * (7 + 3 + 1), "truth": 7, "observed": 4}
 
 
+def test_a_medoid_is_drawn_first_wherever_it_stands(layout, figures):
+    """Here the third, which alone lives on, the others after it and none twice."""
+    make_run(layout, output="medoid", lives=(2, 0, STEPS))
+    _, table = draw(layout, figures)
+    futures = table[table["method"] == next(iter(METHODS))]
+    assert futures.groupby("rank")["step_s"].max().tolist() == [12, 4, 0]
+
+
 def test_the_walker_s_panels_show_each_method(layout, figures):
     make_run(layout)
     fig, _ = draw(layout, figures)
@@ -73,7 +82,7 @@ def test_the_walker_s_panels_show_each_method(layout, figures):
     assert titles == ["Hall: snippets that start here", "Episodes, 12 s", "Snippets, 12 s"]
     for panel in fig.axes[1:]:
         widths = [line.get_linewidth() for line in panel.lines]
-        assert widths.count(memory_maps.MEDIAN["linewidth"]) == 1
+        assert widths.count(memory_maps.RESULT["linewidth"]) == 1
         assert widths.count(memory_maps.SAMPLE["linewidth"]) == 2
         crosses = [line.get_xydata()[0].tolist() for line in panel.lines if line.get_marker() == "x"]
         assert crosses == [[10, 7], [6, 3]]  # where the second left, and t0's place

@@ -23,7 +23,7 @@ with job_log(snakemake.log[0]) as log:
         key = (names.dataset, names.method, recording)
         forecasts = forecast_recording(
             read_tracks(own), forecaster, site, key, method.futures, params.seeds,
-            map(read_tracks, rest) if learned else None, 1 + STORED,
+            map(read_tracks, rest) if learned else None, STORED,
         )  # fmt: skip
         origin = provenance({**names, "recording": recording}, dict(params), [own, *rest, *made_of])
         write_forecasts(layout.forecast(names.dataset, names.method, recording), forecasts, **origin)

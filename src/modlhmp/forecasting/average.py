@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.ranking import best_path
 
 
 def average_forecasts(
@@ -15,7 +16,7 @@ def average_forecasts(
     A seed is averaged with the others' forecasts of that seed, or of their only one. Methods whose path has ended do
     not count from then on; the mean is held once all have.
     """
-    by_seed = [_first_futures(member) for member in members]
+    by_seed = [_paths(member) for member in members]
     for seed in max(by_seed, key=len, default={}):
         chosen = [member.get(seed) or next(iter(member.values())) for member in by_seed]
         ids = chosen[0][0]
@@ -32,9 +33,9 @@ def average_forecasts(
         yield seed, ids, Forecast(mean[:, None], no_fitness, life[:, None].astype(np.int32), "single")
 
 
-def _first_futures(forecasts):
-    """{seed: (track_ids [n], xy [n, T, 2], steps alive [n])} of the first futures of all blocks."""
+def _paths(forecasts):
+    """{seed: (track_ids [n], xy [n, T, 2], steps alive [n])} of the paths that are the results of all blocks."""
     blocks: dict[int, list[tuple[np.ndarray, ...]]] = {}
     for seed, ids, forecast in forecasts:
-        blocks.setdefault(seed, []).append((ids, forecast.xy[:, 0].copy(), forecast.steps_alive[:, 0]))
+        blocks.setdefault(seed, []).append((ids, *best_path(forecast)))
     return {seed: tuple(map(np.concatenate, zip(*some, strict=True))) for seed, some in blocks.items()}

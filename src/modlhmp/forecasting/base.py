@@ -13,14 +13,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+MODES = 5  # at most so many distinct futures of a forecast of output `modes`
+RESULTS = {"median": 1, "modes": MODES}  # futures that are no samples, by output: they stand before them
+
 
 class Forecast(NamedTuple):
     """k futures of n tracks.
 
     `xy` [n, k, T, 2] float32 in m, held at the last alive position (t0's if none) once a future has stopped;
     `log_fitness` [n, k, T] float32, cumulative, held likewise; `steps_alive` [n, k] int32;
-    `output`: how one result comes out of the k (`ranked`: the fittest, `mean`: the mean error, `single`: k = 1,
-    `median`: the first one, which is the geometric median of the living others at each step).
+    `output`: how one result comes out of the k (`ranked`: the fittest, `medoid`: the same, fitness being nearness to
+    the others, `mean`: the mean error, `single`: k = 1, `median`: the first one, which is the geometric median of the
+    living others at each step, `modes`: the fittest of the first `MODES`, fitness being the log of their probability;
+    their samples follow).
     """
 
     xy: np.ndarray
@@ -32,6 +37,19 @@ class Forecast(NamedTuple):
         """The first `number` of the futures."""
         xy, log_fitness, steps_alive = (part[:, :number] for part in self[:3])
         return Forecast(xy, log_fitness, steps_alive, self.output)
+
+    @property
+    def results(self) -> "Forecast":
+        """Those of the futures among which the result is: the median, the modes, or all."""
+        return self.first(RESULTS.get(self.output))
+
+    @property
+    def samples(self) -> "Forecast":
+        """Those of the futures that are samples: all but a median or modes, of equal standing without these."""
+        if self.output not in RESULTS:
+            return self
+        xy, log_fitness, steps_alive = (part[:, RESULTS[self.output] :] for part in self[:3])
+        return Forecast(xy, log_fitness, steps_alive, "mean")
 
 
 Forecaster = Callable[[Any, int, np.ndarray], Forecast]  # (observed, steps, keys), see above

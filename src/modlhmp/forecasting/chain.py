@@ -2,8 +2,9 @@
 
 A particle draws a snippet that starts where it is, as it walks, follows it at its own pace, and draws the next one
 where that ends. A snippet whose person left takes its particle with it. The result is the geometric median, at every
-second, of the particles that are still there; all of them are the distribution. With snippets of one step this is
-CLiFF-LHMP with real velocities instead of a mixture's, conditioned on heading and speed.
+second, of the particles that are still there, or what else `outputs` makes of them; all of them are the distribution.
+With snippets of one step this is CLiFF-LHMP with real velocities instead of a mixture's, conditioned on heading and
+speed.
 """
 
 import numpy as np
@@ -12,6 +13,7 @@ from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import fill_medians
 from modlhmp.forecasting.observe import Observed, observed_steps, polar
+from modlhmp.forecasting.outputs import with_output
 from modlhmp.forecasting.paths import between, hold, paced
 from modlhmp.kernels import kernel
 from modlhmp.maps.pieces import HEADINGS, PARTS, SLOW_M_S, features, vector_mean
@@ -35,9 +37,12 @@ MOST_BINS = (2 * RINGS[-1] + 1) ** 2 * (HEADINGS + 1)
 
 def forecaster(mod: SnippetMap, site: Site, options: Snippets) -> Forecaster:
     """The forecaster of a snippet flow map (contract: `kinds.Kind`)."""
-    return lambda observed, steps, keys: chain(
-        mod, observed, steps, keys, options.bandwidth_m, options.pace, options.exits, options.exclude_s
-    )
+
+    def forecast(observed: Observed, steps: int, keys: np.ndarray) -> Forecast:
+        futures = chain(mod, observed, steps, keys, options.bandwidth_m, options.pace, options.exits, options.exclude_s)
+        return with_output(futures, options.output)
+
+    return forecast
 
 
 def chain(

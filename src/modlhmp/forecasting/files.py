@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 from modlhmp.forecasting.base import Forecast
 from modlhmp.storage import column, read_metadata, write_parquet, write_pieces
 
-STORED = 20  # of the samples behind a median; all of them would be gigabytes
+STORED = 20  # of the samples behind a median, a medoid or modes; all of them would be gigabytes
 
 
 def write_forecasts(path: str | Path, forecasts: Iterable[tuple[int, np.ndarray, Forecast]], **provenance: Any) -> None:

@@ -28,6 +28,16 @@ def most_likely(log_fitness: np.ndarray, candidates: np.ndarray) -> np.ndarray:
     return np.where(candidates.any(axis=1), score.argmax(axis=1), -1)
 
 
+def best_path(forecast: Forecast) -> tuple[np.ndarray, np.ndarray]:
+    """The result as one path per track: positions [n, T, 2], and how many steps it is alive [n].
+
+    The best ranked at the longest horizon of those that are results; a median and a single path are the only one.
+    """
+    xy, log_fitness, alive, _ = forecast.results
+    best = most_likely(log_fitness, longest_lived(alive, xy.shape[2]))[:, -1]
+    return xy[np.arange(len(best)), best], alive[np.arange(len(best)), best]
+
+
 def rank_order(forecast: Forecast, steps: int) -> np.ndarray:
     """Indices [k] of the futures of one track, best ranked first, at the horizon of `steps` steps.
 

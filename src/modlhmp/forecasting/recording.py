@@ -7,6 +7,7 @@ import numpy as np
 from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.neighbours import find_neighbours
 from modlhmp.forecasting.observe import Observed, observe
+from modlhmp.forecasting.outputs import kept
 from modlhmp.logs import progress
 from modlhmp.site import Site
 from modlhmp.streams import stream_keys
@@ -29,7 +30,7 @@ def forecast_recording(
 
     `names` = (dataset, method, recording) key the random numbers; `others` are the tracks of that day's other
     recordings, if the forecaster looks at neighbours. Yields (seed, track_ids [m], Forecast) of a few tracks after the
-    other, at least once per seed. Of a median's futures the first `keep` are given, by default all.
+    other, at least once per seed. With `keep` they have at most so many samples beside their result (`outputs.kept`).
     """
     seen, rows = site.observed_rows, usable_tracks(tracks, site.observed_rows)
     observed = observe(tracks, rows, seen)
@@ -43,5 +44,5 @@ def forecast_recording(
             for first in range(0, max(n, 1), TRACKS_AT_ONCE):
                 some = Observed(*(values[first : first + TRACKS_AT_ONCE] for values in observed))
                 forecast = forecaster(some, steps, stream_keys(some.track_id, k, seed, *names))
-                yield seed, some.track_id, forecast.first(keep) if forecast.output == "median" else forecast
+                yield seed, some.track_id, forecast if keep is None else kept(forecast, keep)
                 bar.update(len(some.track_id))

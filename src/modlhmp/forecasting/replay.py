@@ -1,7 +1,7 @@
 """Forecasting with an episode map: replay what the most similar persons did next, from here and at the walker's pace.
 
 At every second only those count who are still under way then, so ways out need no model of their own: whoever has left
-is not asked. The result is the geometric median of the nearest of them.
+is not asked. The result is the geometric median of the nearest of them, or what else `outputs` makes of the replays.
 """
 
 import numpy as np
@@ -10,6 +10,7 @@ from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.cvm import constant_velocity
 from modlhmp.forecasting.median import geometric_median
 from modlhmp.forecasting.observe import Observed, observed_steps, polar
+from modlhmp.forecasting.outputs import with_output
 from modlhmp.forecasting.paths import between, hold, paced
 from modlhmp.kernels import kernel
 from modlhmp.maps.episodes import EpisodeMap
@@ -24,9 +25,14 @@ SAMPLES_A_PERSON = 4  # replays beside the median: most have left after a minute
 
 def forecaster(mod: EpisodeMap, site: Site, options: Episodes) -> Forecaster:
     """The forecaster of an episode map (contract: `kinds.Kind`)."""
-    return lambda observed, steps, keys: replay(
-        mod, observed, steps, site.time_step_s, options.k, options.pace, options.reach_m, options.exclude_s
-    )
+
+    def forecast(observed: Observed, steps: int, keys: np.ndarray) -> Forecast:
+        futures = replay(
+            mod, observed, steps, site.time_step_s, options.k, options.pace, options.reach_m, options.exclude_s
+        )
+        return with_output(futures, options.output, options.k)
+
+    return forecast
 
 
 def replay(

@@ -6,8 +6,8 @@ import numpy as np
 
 from modlhmp.angles import wrapped
 from modlhmp.forecasting.base import Forecast, Forecaster
-from modlhmp.forecasting.median import with_median
 from modlhmp.forecasting.observe import Observed, velocity_at_t0
+from modlhmp.forecasting.outputs import with_output
 from modlhmp.forecasting.paths import hold
 from modlhmp.kernels import kernel
 from modlhmp.maps.base import parts
@@ -17,12 +17,12 @@ from modlhmp.streams import uniform
 
 
 def forecaster(mod: Any, site: Site, options: RollOut) -> Forecaster:
-    """The forecaster of a map that is sampled at every step; its result is ranked, or the futures' median."""
+    """The forecaster of a map that is sampled at every step; its result is as `options.output` says."""
 
     def forecast(observed: Observed, steps: int, keys: np.ndarray) -> Forecast:
         velocity = velocity_at_t0(observed, options.velocity, site)
         futures = roll_out(mod, observed, velocity, steps, keys, site.time_step_s, options.beta, options.speed)
-        return with_median(futures) if options.output == "geometric_median" else futures
+        return with_output(futures, options.output)
 
     return forecast
 

@@ -29,11 +29,12 @@ def score(
     `infeasible` [n, k, T], where known, says which futures have been inside a wall. Returns {(output, protocol):
     {"ade": [n, T], "fde": [n, T], "infeasible": [n, T]}} in m, NaN where a track is not scored. Futures of equal
     standing (`ranked`) are also scored without ranking, as the mean of their values (`mean`); where that mean is the
-    method's result, the path of their mean positions is scored beside it (`mean_path`), where all may be.
+    method's result, the path of their mean positions is scored beside it (`mean_path`), where all may be. Of modes the
+    likeliest is scored.
     """
-    if forecast.output == "median":  # the futures after the first are its samples
-        forecast = forecast.first(1)
-        infeasible = None if infeasible is None else infeasible[:, :1]
+    forecast = forecast.results
+    if infeasible is not None:
+        infeasible = infeasible[:, : forecast.xy.shape[1]]
     values = dict(zip(("ade", "fde"), displacement_errors(forecast.xy, truth), strict=True))
     if infeasible is not None:
         values["infeasible"] = infeasible.astype(np.float32)
@@ -46,7 +47,7 @@ def score(
     scores = {}
     for protocol in PROTOCOLS:
         outside = horizon > eligible_steps[protocol][:, None]
-        if forecast.output in {"ranked", "single", "median"}:
+        if forecast.output in {"ranked", "single", "median", "medoid", "modes"}:
             best = most_likely(forecast.log_fitness, chosen_by[protocol])
             scores[forecast.output, protocol] = {m: _pick(one, best, outside) for m, one in values.items()}
         if forecast.output in {"ranked", "mean"}:

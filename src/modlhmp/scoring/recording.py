@@ -46,11 +46,12 @@ def score_recording(
         by_track["truth_infeasible_from"] = first.astype(np.int32)
     tables: list[pa.Table] = []
     of_seed: dict[int, int] = {}
-    for seed, track_ids, forecast in forecasts:
+    for seed, track_ids, whole in forecasts:
         rows = of_seed.get(seed, 0) + np.arange(len(track_ids))
         of_seed[seed] = of_seed.get(seed, 0) + len(track_ids)
         if not np.array_equal(track_ids, ids[rows[rows < len(ids)]]):
             raise ValueError(f"{recording}: the forecasts are of other tracks than the recording's; remake them")
+        forecast = whole.results
         infeasible = None if floor_plan is None else enters_occupied(floor_plan, depth, start[rows], forecast.xy)
         mine = {protocol: number[rows] for protocol, number in eligible.items()}
         alive = forecast.steps_alive.max(axis=1).astype(np.int32)

@@ -1,7 +1,8 @@
 """How good a forecast is as a distribution: energy score, best of a few, the error it expects, who will have left.
 
 Energy score: T. Gneiting, A. Raftery, J. Am. Stat. Assoc. 102, 2007, in the form that does not depend on the number of
-samples: C. Ferro, Q. J. R. Meteorol. Soc. 140, 2014.
+samples: C. Ferro, Q. J. R. Meteorol. Soc. 140, 2014. Brier-weighted error: B. Wilson et
+al., Argoverse 2, NeurIPS Datasets and Benchmarks, 2021.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,7 +19,10 @@ from modlhmp.tracks import Tracks, usable_tracks
 
 SAMPLES = 40  # of a distribution, so that every method is judged by as many
 BEST_OF = 5
-MEASURES = ("energy_m", "best_ade_m", "best_fde_m", "expected_m", "real_m", "samples", "left", "has_left")
+OF_MODES = ("modes_ade_m", "modes_fde_m", "modes_brier_m")
+MEASURES = (
+    "energy_m", "best_ade_m", "best_fde_m", *OF_MODES, "expected_m", "real_m", "samples", "left", "has_left",
+)  # fmt: skip
 
 
 def score_samples(
@@ -33,10 +37,11 @@ def score_samples(
 
     `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other, and `k` is the method's own
     number of futures, of which there may be more. Each measure is a list over `horizons_s`, NaN where the track is
-    shorter: `energy_m` the energy score, `best_ade_m` and `best_fde_m` the best of the first five futures,
-    `expected_m` and `real_m` the distance of the method's own output from its samples and from the truth, all in m;
-    `samples` how many the distribution has. `left` is the probability that the person has left by then, `has_left`
-    (0 or 1) whether they had; these two are known for every track.
+    shorter: `energy_m` the energy score, `best_ade_m` and `best_fde_m` the best of the first five samples, those of
+    `OF_MODES` what `mode_errors` says, NaN for a method of another output, `expected_m` and `real_m` the distance of
+    the method's own output from its samples and from the truth, all in m; `samples` how many the distribution has.
+    `left` is the probability that the person has left by then, `has_left` (0 or 1) whether they had; these two are
+    known for every track.
     """
     rows = usable_tracks(tracks, site.observed_rows)
     step_s = site.time_step_s
@@ -67,6 +72,7 @@ def measures(
         now = {
             "energy_m": energy_score(points, at),
             **{name: one[:, :, step - 1].min(axis=1) for name, one in best.items()},
+            **mode_errors(forecast, truth, step),
             "expected_m": nan_mean(distance(points, output[:, None, step - 1]), axis=1),
             "real_m": distance(output[:, step - 1], at),
             "samples": np.isfinite(points[..., 0]).sum(axis=1),
@@ -79,16 +85,31 @@ def measures(
 
 
 def samples_of(forecast: Forecast) -> tuple[np.ndarray, np.ndarray]:
-    """The futures that are samples, `xy` [n, m, T, 2] and `steps_alive` [n, m]: all but a median."""
-    first = 1 if forecast.output == "median" else 0
-    return forecast.xy[:, first:], forecast.steps_alive[:, first:]
+    """The futures that are samples, `xy` [n, m, T, 2] and `steps_alive` [n, m]: all but a median or modes."""
+    samples = forecast.samples
+    return samples.xy, samples.steps_alive
+
+
+def mode_errors(forecast: Forecast, truth: np.ndarray, step: int) -> dict[str, np.ndarray]:
+    """{measure of `OF_MODES`: [n]} in m of a forecast of output `modes`, after `step` steps; of others nothing.
+
+    The least ADE and the least FDE of the modes, which are held where they end; and the latter plus (1 - p)^2, p being
+    the probability of that mode (the first of equals).
+    """
+    if forecast.output != "modes":
+        return {}
+    modes, rows = forecast.results, np.arange(len(truth))
+    probability = np.exp(modes.log_fitness[:, :, step - 1].astype(np.float64))
+    ade, fde = displacement_errors(modes.xy[:, :, :step], truth[:, :step])
+    ade, fde = (np.where(probability > 0, one[:, :, -1], np.inf) for one in (ade, fde))
+    best = fde.argmin(axis=1)
+    brier = fde[rows, best] + (1 - probability[rows, best]) ** 2
+    return dict(zip(OF_MODES, (ade.min(axis=1), fde[rows, best], brier), strict=True))
 
 
 def own_output(forecast: Forecast, k: int) -> np.ndarray:
-    """The path [n, T, 2] that the method gives as its one result, ranked at each step among its first `k` futures."""
-    if forecast.output != "ranked":
-        return forecast.xy[:, 0]
-    own = forecast.first(k)
+    """The path [n, T, 2] that the method gives as its one result at each step; ranked, among its first `k` futures."""
+    own = forecast.first(k) if forecast.output == "ranked" else forecast.results
     best = most_likely(own.log_fitness, longest_lived(own.steps_alive, own.xy.shape[2]))
     return np.take_along_axis(own.xy, best[:, None, :, None], axis=1)[:, 0]
 

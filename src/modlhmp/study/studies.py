@@ -100,6 +100,6 @@ def _errors(
     tables = []
     for name, tracks in recordings.items():
         names = (dataset, method.name, name)
-        forecasts = forecast_recording(tracks, forecaster, site, names, method.futures, seeds, keep=1)
+        forecasts = forecast_recording(tracks, forecaster, site, names, method.futures, seeds)
         tables.append(score_recording(tracks, forecasts, name, site))
     return pa.concat_tables(tables).unify_dictionaries()

@@ -18,7 +18,8 @@ COLUMNS = (
 )  # fmt: skip
 
 METRICS = ("ade", "fde", "infeasible")
-OUTPUTS = ("ranked", "median", "mean", "single", "mean_path")  # the first that a method has stands for it
+# The first that a method has stands for it.
+OUTPUTS = ("ranked", "median", "medoid", "modes", "mean", "single", "mean_path")
 
 
 class Errors(NamedTuple):

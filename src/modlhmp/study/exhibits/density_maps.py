@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from modlhmp.datasets import Dataset
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.density import density, level_that_holds
-from modlhmp.forecasting.median import with_median
+from modlhmp.forecasting.outputs import with_output
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.methods import Method, make_forecaster
 from modlhmp.scoring.uncertainty import samples_of
@@ -99,7 +99,7 @@ def example(
         return None, f"no test track of {dataset.horizon_s:g} s", {}
     person = paths.person_paths(layout.tracks(dataset.name, track.recording), track.track_id, dataset, steps)
     forecast = forecast_again(layout, dataset, method, track, samples, seed)
-    median = forecast if forecast.output == "median" else with_median(forecast)
+    median = with_output(forecast, "geometric_median")
     step_s, start = dataset.time_step_s, paths.one_path(person, "truth")[0]
     path = np.vstack([start, median.xy[0, 0]])
     forecasts = [_rows("median", path, np.arange(steps + 1) * step_s)]

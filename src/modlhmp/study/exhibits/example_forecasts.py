@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.lines import Line2D
 
 from modlhmp.datasets import Dataset
-from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.base import RESULTS, Forecast
 from modlhmp.forecasting.ranking import rank_order
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.exhibits.selection import errors_at, example_track
@@ -62,9 +62,11 @@ def example(
 
 
 def shown_futures(forecast: Forecast, steps: int) -> np.ndarray:
-    """Indices of the futures that make a method's result: the best ranked, the median, or all."""
-    one = forecast.output in {"ranked", "median"}  # a median is the first of equally ranked futures
-    return rank_order(forecast, steps)[:1] if one else np.arange(len(forecast.xy))
+    """Indices of the futures that make a method's result: the best ranked, or all whose errors are averaged."""
+    if forecast.output in {"mean", "single"}:
+        return np.arange(len(forecast.xy))
+    order = rank_order(forecast, steps)
+    return order[order < RESULTS.get(forecast.output, len(order))][:1]
 
 
 def _panel(ax, key, dataset, table, text, methods, box):

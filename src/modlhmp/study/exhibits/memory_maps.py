@@ -8,14 +8,16 @@ from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
 
 from modlhmp.datasets import Dataset
+from modlhmp.forecasting.base import RESULTS
 from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits import paths, style
+from modlhmp.study.exhibits.example_forecasts import shown_futures
 from modlhmp.study.exhibits.selection import errors_at, example_track
 from modlhmp.study.layout import Layout
 
 SNIPPETS_M = 2.0  # snippets are drawn that start so near to the walker
 MOST_DRAWN = 150
-MEDIAN: style.Look = {"color": "#0072B2", "linewidth": 2.0, "zorder": 5}
+RESULT: style.Look = {"color": "#0072B2", "linewidth": 2.0, "zorder": 5}
 SAMPLE: style.Look = {"color": "#0072B2", "linewidth": 0.6, "alpha": 0.5, "zorder": 3}
 LEFT: style.Look = {
     "marker": "x",
@@ -37,7 +39,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
     handles = [
         Line2D([], [], label="observed", **paths.OBSERVED),
         Line2D([], [], label="truth", **paths.TRUTH),
-        Line2D([], [], label="geometric median of those still there", **MEDIAN),
+        Line2D([], [], label="result (default: geometric median)", **RESULT),
         Line2D([], [], label="single replays or particles (20 of them)", **{**SAMPLE, "alpha": 1}),
         Line2D([], [], label="left through an exit", **LEFT),
     ]
@@ -59,7 +61,9 @@ def _row(line: np.ndarray, layout: Layout, dataset: Dataset, methods: Mapping[st
     for method in methods:
         forecast = paths.forecast_of(layout.forecast(name, method, track.recording), track.track_id)
         assert forecast is not None  # every scored track was forecast
-        table = paths.forecast_paths(forecast, range(len(forecast.xy)), steps, dataset.time_step_s, start)
+        result, samples = shown_futures(forecast, steps), np.arange(RESULTS.get(forecast.output, 0), len(forecast.xy))
+        order = [*result, *np.setdiff1d(samples, result)]
+        table = paths.forecast_paths(forecast, order, steps, dataset.time_step_s, start)
         futures[method] = table.assign(method=method)
         tables.append(futures[method])
     shown = pd.concat(tables)[["x_m", "y_m"]].to_numpy(float)
@@ -70,7 +74,7 @@ def _row(line: np.ndarray, layout: Layout, dataset: Dataset, methods: Mapping[st
         paths.draw_person(panel, person)
         for rank, path in futures[method].groupby("rank"):
             xy = path[["x_m", "y_m"]].to_numpy(float)
-            panel.plot(*xy.T, **(MEDIAN if rank == 1 else SAMPLE))
+            panel.plot(*xy.T, **(RESULT if rank == 1 else SAMPLE))
             if rank > 1 and path["left_map"].iloc[0]:
                 panel.plot(*xy[-1], **LEFT)
     return paths.of_example(dataset, track, tables)

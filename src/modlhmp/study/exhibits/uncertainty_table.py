@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.scoring.uncertainty import BEST_OF, SAMPLES
+from modlhmp.scoring.uncertainty import BEST_OF, OF_MODES, SAMPLES
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
 from modlhmp.study.reliability import read_uncertainty, summarise
@@ -14,6 +14,9 @@ HEADINGS = {
     "energy_m": "energy score [m]",
     "best_ade_m": f"best of {BEST_OF}: ADE [m]",
     "best_fde_m": f"best of {BEST_OF}: FDE [m]",
+    "modes_ade_m": "best of modes: ADE [m]",
+    "modes_fde_m": "best of modes: FDE [m]",
+    "modes_brier_m": "best of modes: Brier FDE [m]",
     "expected_m": "expected error [m]",
     "real_m": "real error [m]",
     "ratio": "real / expected",
@@ -25,7 +28,7 @@ HEADINGS = {
     "n_left": "has left: n",
 }
 FORMS = {"ratio": "{:.2f}", "samples": "{:.1f}", "n": "{:.0f}", "n_left": "{:.0f}", "left_share": "{:.1f}"}
-BEST = ("energy_m", "best_ade_m", "best_fde_m", "brier")  # the lowest of each is bold
+BEST = ("energy_m", "best_ade_m", "best_fde_m", *OF_MODES, "brier")  # the lowest of each is bold
 
 
 def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
@@ -43,7 +46,8 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
     rows = rows.sort_values(["dataset", "horizon_s", "method"])
     table = pd.DataFrame({"dataset": rows["dataset"].map(titles), "horizon [s]": rows["horizon_s"].map("{:g}".format)})
     table["method"] = rows["method"].map(methods)
-    for name, heading in HEADINGS.items():
+    shown = {name: heading for name, heading in HEADINGS.items() if name not in OF_MODES or rows[name].notna().any()}
+    for name, heading in shown.items():
         cells = rows[name].map(FORMS.get(name, "{:.3f}").format).where(rows[name].notna(), "–")
         if name in BEST:
             lowest = rows.groupby(["dataset", "horizon_s"], observed=True)[name].transform("min")
@@ -56,4 +60,6 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
         "method that is as sure as it may be has a ratio of 1, one that is too sure a larger one. Has left: the "
         "probability that the person's track ends before the horizon. Means over a track's seeds, then over tracks."
     )
+    if OF_MODES[0] in shown:
+        note += " Best of modes: of at most five with probabilities p; Brier FDE: the FDE of the best plus (1 - p)^2."
     write_table(table, stem, "Forecasts as distributions", any(one.demo for one in datasets), note)
