@@ -249,10 +249,11 @@ def with_memory(train, test, dataset, folder):
         metric = Metric.of(options)
         table = read_parquet(map_path(folder, kind))
         if kind == "episodes":
-            arguments = memory_twins.rows_of(table), seen, steps, dataset.time_step_s, options.k, weights
+            futures = options.persons
+            arguments = memory_twins.rows_of(table), seen, steps, dataset.time_step_s, futures, weights
             plain = seconds(memory_twins.replay, *arguments, metric, hours, repeat=1)
         else:
-            length = round(options.length_s / dataset.time_step_s)
+            futures, length = options.k, round(options.length_s / dataset.time_step_s)
             mod = memory_twins.PlainSnippets(table, weights, metric, hours, length)
             keys = stream_keys(observed.track_id, 10, 0)[0]
 
@@ -260,8 +261,8 @@ def with_memory(train, test, dataset, folder):
                 for key in keys:
                     mod.particle(seen, key, steps, lambda row: row["stored"] <= length, options.bandwidth_m)
 
-            plain = seconds(particles, repeat=1) * options.k / len(keys)
-        name = f"{kind}, k = {options.k}, {dataset.horizon_s} s, per track"
+            plain = seconds(particles, repeat=1) * futures / len(keys)
+        name = f"{kind}, k = {futures}, {dataset.horizon_s} s, per track"
         yield Row(name, 1e3 * taken, "ms", *goals, plain / taken)
 
 
@@ -275,7 +276,7 @@ def forecaster(test, kind, dataset, folder):
 
     def run():
         names = ("bench", kind, "test")
-        return sum(len(ids) for _, ids, _ in forecast_recording(test, made, dataset, names, options.k, [0]))
+        return sum(len(ids) for _, ids, _ in forecast_recording(test, made, dataset, names, getattr(options, "k", 1), [0]))
 
     run()
     return run, options

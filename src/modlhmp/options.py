@@ -34,6 +34,9 @@ class CliffBuilding:
     resolution_m: Metres = option(1.0, "distance of neighbouring locations [m]")
     radius_m: Metres = option(1.0, "a location takes the observations within this distance, border included [m]")
     min_observations: WholeFrom3 = option(5, "locations with fewer observations have no dynamics")
+    intensity: Literal["count", "time"] = option(
+        "count", "motion intensity: `count` of observations by the largest, or share of the `time` with motion (paper)"
+    )
     bandwidth: Literal["isotropic", "kucner"] = option(
         "isotropic", "rule for the bandwidth of mean shift; `kucner` is the reference builder's"
     )
@@ -127,7 +130,7 @@ class Alike:
 class Episodes(Alike):
     """Of forecasts with an episode map."""
 
-    k: WholeFrom1 = option(25, "persons replayed: those still under way at each second")
+    persons: WholeFrom1 = option(25, "persons replayed: those still under way at each second")
     reach_m: Metres = option(10.0, "persons farther from the walker in this metric are not replayed [m]")
 
 

@@ -31,7 +31,7 @@ Seconds = Annotated[int, Gt(0)] | Annotated[float, Gt(0)]  # whole ones stay who
 T = TypeVar("T")
 TOP = "top level"
 # Names of old: key -> key, and (key, value) -> values, of which the one that the key takes where it stands is told.
-RENAMED_KEYS = {"kernel_m": "bandwidth_m", "validation": "held_out"}
+RENAMED_KEYS = {"kernel_m": "bandwidth_m", "k": "persons", "validation": "held_out"}
 RENAMED_VALUES = {("velocity", "columns"): ("as_recorded", "dataset")}
 
 

@@ -20,7 +20,7 @@ SITE = Site(
 )  # fmt: skip
 METRIC = {"heading_m": 8.0, "speed_m": 8.0, "change_m": 2.0, "hour_m": 1.0, "pace": 1.0, "exclude_s": 0.0}
 OPTIONS = {
-    "episodes": Episodes(k=5, reach_m=10.0, **METRIC),
+    "episodes": Episodes(persons=5, reach_m=10.0, **METRIC),
     "snippets": Snippets(k=5, length_s=5.0, most=50, bandwidth_m=1.5, exits=True, **METRIC),
 }
 BUILD = {"episodes": episodes.build, "snippets": snippets.build, "exits": exits.build}

@@ -149,6 +149,23 @@ def test_rows_without_motion_do_not_count():
     assert not cliff.build(concatenate([crawling, moving])).equals(table)
 
 
+def test_intensity_of_time_is_the_share_of_the_steps_with_motion():
+    """Ten walk at one place in the same second, one at another in each of five: more rows there, more time here."""
+    rng = np.random.default_rng(12)
+    many = tracks_at(np.zeros(10), 0.0, rng.normal(1.2, 0.1, 10), 0.3)._replace(t=np.full(10, 3.0))
+    steady = tracks_at(np.full(5, 10.0), 0.0, rng.normal(1.2, 0.1, 5), 0.3)._replace(t=np.arange(5.0) + 10.25)
+    still = tracks_at(np.full(4, 20.0), 0.0, 0.0, 0.3)._replace(t=np.arange(4.0) + 100)  # observed, without motion
+    tracks = concatenate([many, steady, still])
+    by_time, by_count = (
+        cliff.build(tracks, Site(), CliffBuilding(intensity=one)).to_pandas().groupby("x")["p"].first()
+        for one in ("time", "count")
+    )
+    assert by_time.to_dict() == pytest.approx(
+        {0.0: 1 / 10, 10.0: 5 / 10} | {x: by_time[x] for x in (-1, 1, 9, 11) if x in by_time}
+    )
+    assert by_count.to_dict()[0.0] == 1.0 and by_count.to_dict()[10.0] == 0.5
+
+
 @pytest.mark.parametrize(("observations", "locations"), [(0, 0), (4, 0), (5, 1)])
 def test_location_needs_five_observations(observations, locations):
     rng = np.random.default_rng(9)

@@ -367,7 +367,7 @@ def test_moving_and_turning_map_and_walkers_moves_the_forecast(shift, angle):
 def test_the_forecaster_of_a_file_takes_the_methods_options(tmp_path):
     write_parquet(episodes.build(training(), Site()), tmp_path / "episodes.parquet")
     site = Site(difference_weights=tuple(WEIGHTS), observed_rows=4, time_step_s=1.0, timezone="UTC")
-    options = Episodes(k=4, pace=0.5, reach_m=6.0, exclude_s=5.0, **METRIC._asdict())
+    options = Episodes(persons=4, pace=0.5, reach_m=6.0, exclude_s=5.0, **METRIC._asdict())
     forecaster = make_forecaster("episodes", options, site, tmp_path / "episodes.parquet")
     got = forecaster(walkers(), STEPS, stream_keys(walkers().track_id, 4, 0))
     assert_same(got, replay(map_of(training()), walkers(), STEPS, 1.0, 4, 0.5, 6.0, 5.0))

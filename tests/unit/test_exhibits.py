@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 
+from modlhmp.study.configuration import load_datasets, load_run
 from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study.layout import Layout
 from modlhmp.study.plan import Plan
-from modlhmp.study.configuration import load_datasets, load_run
 
 CONFIG = Path(__file__).parents[2] / "config"
 # What of the paper's tables and figures is made, by its labels.

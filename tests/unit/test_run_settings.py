@@ -1,6 +1,8 @@
 """The configuration of a run: what is shipped is valid, what is mistyped is named with its remedy."""
 
+import dataclasses
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -130,7 +132,7 @@ WRONG_VALUES = [
     ("learned", "threads", 0),
     ("episodes", "pace", 2),
     ("episodes", "reach_m", 0),
-    ("episodes", "k", 0),
+    ("episodes", "persons", 0),
     ("snippets", "bandwidth_m", 0),
     ("snippets", "length_s", 0),
     ("snippets", "most", 0),
@@ -448,10 +450,14 @@ def test_an_average_needs_two_members(config, options):
 @pytest.mark.parametrize(("kind", "of"), [("episodes", Episodes), ("snippets", Snippets)])
 def test_options_of_a_map_with_memory_are_its_sections_and_its_own(config, kind, of):
     config[kind] = {"heading_m": 7.0, "pace": 0.25}
-    config["methods"]["mine"] = {"kind": kind, "title": "Mine", "options": {"k": 3, "pace": 0.5}}
+    config["methods"]["mine"] = {
+        "kind": kind,
+        "title": "Mine",
+        "options": {"reach_m" if of is Episodes else "k": 3, "pace": 0.5},
+    }
     run = load(config)
     assert run.method(kind).options == of(heading_m=7.0, pace=0.25)
-    assert run.method("mine").options == of(heading_m=7.0, k=3, pace=0.5)
+    assert run.method("mine").options == of(heading_m=7.0, pace=0.5, **{"reach_m" if of is Episodes else "k": 3})
 
 
 @pytest.mark.parametrize(("kind", "wrong"), [("episodes", "bandwidth_m"), ("snippets", "reach_m"), ("cvm", "k")])
@@ -464,7 +470,7 @@ def test_options_of_one_map_with_memory_are_not_the_others(config, kind, wrong):
 def test_tuned_options_win(config, name):
     """Over a method's own, and these over the section's or budget's; the rest stays."""
     own, first, second = {
-        "cvm": ("velocity", "dataset", "differences"), "tutr": ("epochs", 1, 2)
+        "cvm": ("velocity", "dataset", "differences"), "tutr": ("epochs", 1, 2), "episodes": ("persons", 1, 2)
     }.get(name, ("k", 1, 2))  # fmt: skip
     config["methods"][name] = {"options": {own: first}}
     run = load(config)
@@ -511,11 +517,13 @@ def test_a_method_starts_from_another_s_options_with_what_is_tuned_for_it(config
 
 def test_across_kinds_what_both_have_is_inherited(config):
     config["methods"] |= {
-        "many": {"kind": "tc_cliff", "options": {"k": 60, "exits": True, "beta": 3.0}},
+        "many": {"kind": "tc_cliff", "options": {"k": 60, "exits": True, "output": "medoid"}},
         "pieces": {"kind": "snippets", "inherits": "many", "options": {"length_s": 1}},
     }
     found = load(config).method("pieces").options
-    assert found == dataclasses.replace(load(config).method("snippets").options, k=60, exits=True, length_s=1)
+    assert found == dataclasses.replace(
+        load(config).method("snippets").options, k=60, exits=True, output="medoid", length_s=1
+    )
 
 
 def test_a_network_inherits_its_learning(config):
@@ -531,7 +539,10 @@ def test_a_network_inherits_its_learning(config):
     ("methods", "message"),
     [
         ({"a": {"inherits": "tc_clif"}}, "methods.a: say of which `kind` it is"),
-        ({"a": {"kind": "cliff", "inherits": "tc_clif"}}, "methods.a.inherits: no method named 'tc_clif'; did you mean"),
+        (
+            {"a": {"kind": "cliff", "inherits": "tc_clif"}},
+            "methods.a.inherits: no method named 'tc_clif'; did you mean",
+        ),
         ({"a": {"kind": "cliff", "inherits": "b"}, "b": {"inherits": "a"}}, "inherits: a inherits from b, too"),
         ({"a": {"inherits": "a"}}, "methods.a"),
     ],
@@ -546,10 +557,10 @@ def climbed(shipped, request):
     return load(shipped[request.param])
 
 
-def datasets_tuned(config_folder):
-    """What each dataset file has tuned, and nothing."""
-    for file in config_folder.glob("datasets/*.yaml"):
-        yield file.stem, yaml.safe_load(file.read_text()).get("tuned", {})
+def datasets_tuned(config_folder, run):
+    """What the file of each dataset of a run has tuned."""
+    for name in run.datasets:
+        yield name, yaml.safe_load((config_folder / f"datasets/{name}.yaml").read_text()).get("tuned", {})
 
 
 def test_a_rung_changes_one_thing(climbed, config_folder):
@@ -560,11 +571,11 @@ def test_a_rung_changes_one_thing(climbed, config_folder):
         if climbed.members(rung):
             continue  # a mean: what changes is who is averaged
         named = {}
-        for dataset, tuned in datasets_tuned(config_folder):
+        for dataset, tuned in datasets_tuned(config_folder, climbed):
             one, other = (climbed.method(name, tuned) for name in (above, rung))
             options = [as_plain(side.options) for side in (one, other)]
             changed = {key for key in options[0].keys() & options[1].keys() if options[0][key] != options[1][key]}
-            own = {*climbed.methods[rung].options, *tuned.get(rung, {})} if rung in climbed.methods else set()
+            own = {*climbed.methods[rung].options, *tuned.get(rung, {})} if rung in climbed.methods else changed
             if one.kind == other.kind and not climbed.members(above):
                 assert changed <= own, (dataset, above, rung, changed)
                 named[dataset] = own

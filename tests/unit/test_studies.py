@@ -97,7 +97,7 @@ def test_a_larger_radius_keeps_more_walkers_on_the_map(map_path):
 UNLIKE = {"heading_m": 8.0, "speed_m": 6.0, "change_m": 2.0, "hour_m": 0.0, "pace": 1.0, "exclude_s": 0.0}
 THREE = [
     METHOD,
-    Method(name="replay", kind="episodes", options=Episodes(k=5, reach_m=10.0, **UNLIKE)),
+    Method(name="replay", kind="episodes", options=Episodes(persons=5, reach_m=10.0, **UNLIKE)),
     Method(
         name="chain",
         kind="snippets",
@@ -150,7 +150,7 @@ def test_all_of_the_tracks_give_the_main_run_s_errors(tmp_path):
         write_parquet(tables[kind], tmp_path / f"{kind}.parquet")
         forecaster = make_forecaster(kind, options, SITE, tmp_path / f"{kind}.parquet")
         drawn = [0] if kind == "episodes" else [0, 1]
-        forecasts = forecast_recording(day, forecaster, SITE, ("hall", name, "day"), options.k, drawn)
+        forecasts = forecast_recording(day, forecaster, SITE, ("hall", name, "day"), getattr(options, "k", 1), drawn)
         assert study[1.0, name].equals(score_recording(day, forecasts, "day", SITE))
 
 

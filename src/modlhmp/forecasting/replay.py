@@ -28,9 +28,9 @@ def forecaster(mod: EpisodeMap, site: Site, options: Episodes) -> Forecaster:
 
     def forecast(observed: Observed, steps: int, keys: np.ndarray) -> Forecast:
         futures = replay(
-            mod, observed, steps, site.time_step_s, options.k, options.pace, options.reach_m, options.exclude_s
+            mod, observed, steps, site.time_step_s, options.persons, options.pace, options.reach_m, options.exclude_s
         )
-        return with_output(futures, options.output, options.k)
+        return with_output(futures, options.output, options.persons)
 
     return forecast
 

@@ -34,11 +34,14 @@ def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | No
     """Build a CLiFF-map from the velocities of a track table; returns a `pyarrow.Table`, one row per component.
 
     Locations are the multiples of `resolution_m` that have at least `min_observations` moving observations within
-    `radius_m`, the border included. `count` is their number, `p` its ratio to the map's largest, `q` = 1 (the
-    sensors see everything, always). An empty table says that there were too few data.
+    `radius_m`, the border included. `count` is their number, `p` its ratio to the map's largest or, with `intensity:
+    time`, the share of the time steps with people in which motion was seen there; `q` = 1 (the sensors see everything,
+    always). An empty table says that there were too few data.
     """
     building = building or CliffBuilding()
     resolution_m = building.resolution_m
+    step_s = site.time_step_s if site else 1.0
+    observed = len(np.unique(np.floor(tracks.t / step_s)))  # steps with people anywhere
     moving = np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
     tracks = tracks.take(moving)
     locations, members = neighbourhoods(tracks.x, tracks.y, resolution_m, building.radius_m, building.min_observations)
@@ -54,8 +57,11 @@ def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | No
         head = np.tile([number, *node], (len(components), 1))
         rows.append(np.column_stack([head, components, np.full(len(components), len(mine))]))
     table = np.concatenate(rows) if rows else np.empty((0, 10))
-    # The motion intensity of Sec. III-C.1, counted in observations instead of time.
+    # The motion intensity of Sec. III-C.1: of observations (public code), or of time as the paper writes.
     p = table[:, 9] / table[:, 9].max() if len(table) else table[:, 9]
+    if building.intensity == "time":
+        seen = np.floor(tracks.t / step_s)
+        p = np.array([len(np.unique(seen[mine])) for mine in members])[table[:, 0].astype(int)] / observed
     columns = zip(COLUMNS, (*table.T, p, np.ones(len(table))), strict=True)
     return pa.table({name: values.astype(TYPES.get(name, float)) for name, values in columns}).replace_schema_metadata(
         {"resolution": str(resolution_m)}
