@@ -528,7 +528,8 @@ def test_across_kinds_what_both_have_is_inherited(config):
 
 def test_a_network_inherits_its_learning(config):
     config["methods"] |= {
-        "one": {"kind": "lstm", "options": {"seed": 4, "hidden": 16}}, "two": {"inherits": "one", "options": {"rotate": False}}
+        "one": {"kind": "lstm", "options": {"seed": 4, "hidden": 16}},
+        "two": {"inherits": "one", "options": {"rotate": False}},
     }  # fmt: skip
     one, two = (load(config).method(name) for name in ("one", "two"))
     assert two.learning == one.learning
