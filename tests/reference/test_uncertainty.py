@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import stats
 
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.density import density, level_that_holds
@@ -19,6 +20,7 @@ from modlhmp.scoring.uncertainty import (
     MEASURES,
     OF_MODES,
     energy_score,
+    kde_nll,
     measures,
     own_output,
     repeats,
@@ -164,7 +166,7 @@ def test_measures_equal_the_loop(seed, output):
     for i, (column, step) in ((i, pair) for i in range(4) for pair in enumerate(steps)):
         assert got["left"][i, column] == pytest.approx(sum(alive[i] < step) / 9)
         assert got["has_left"][i, column] == (length[i] < step)
-        names = ("energy_m", "best_ade_m", "best_fde_m", "expected_m", "real_m", "samples")
+        names = ("energy_m", "best_ade_m", "best_fde_m", "missed", "expected_m", "real_m", "samples")
         values = [got[name][i, column] for name in names]
         if length[i] < step:
             assert np.isnan(values).all()
@@ -179,11 +181,35 @@ def test_measures_equal_the_loop(seed, output):
             energy_loop(points, y),
             min(sum(one) / step for one in errors),
             min(one[-1] for one in errors),
+            float(min(one[-1] for one in errors) > 2.0),
             sum(math.dist(p, path[i, step - 1]) for p in points) / len(points),
             math.dist(path[i, step - 1], y),
             len(points),
         ]
         np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-5)
+
+
+@given(SEEDS, st.integers(3, 40))
+def test_kde_nll_is_scipy_s(seed, m):
+    rng = np.random.default_rng(seed)
+    points, truth = (
+        rng.normal(0, 1, (3, 45, 2)) * [2.0, 0.5] + [[[5.0, -300.0]]],
+        rng.normal(0, 3, (3, 2)) + [5.0, -300],
+    )
+    points[:, m:] = np.nan
+    expected = [-max(stats.gaussian_kde(some[:m].T).logpdf(at)[0], -20) for some, at in zip(points, truth, strict=True)]
+    np.testing.assert_allclose(kde_nll(points, truth), expected, rtol=1e-6, atol=1e-6)
+
+
+def test_kde_nll_of_samples_that_have_no_density():
+    """Two samples, three on a line, one again and again, none: NaN, not a number."""
+    line = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
+    points = np.stack(
+        [line, np.zeros((3, 2)), np.full((3, 2), np.nan), np.where(np.arange(3)[:, None] < 2, line, np.nan)]
+    )
+    assert np.isnan(kde_nll(points, np.ones((4, 2)))).all()
+    wide = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
+    assert kde_nll(wide, np.array([[1e6, 0.0]])).tolist() == [20.0], "one outlier does not decide a mean"
 
 
 def test_errors_of_modes_equal_the_loop():

@@ -1,14 +1,15 @@
 """How good a forecast is as a distribution: energy score, best of a few, the error it expects, who will have left.
 
 Energy score: T. Gneiting, A. Raftery, J. Am. Stat. Assoc. 102, 2007, in the form that does not depend on the number of
-samples: C. Ferro, Q. J. R. Meteorol. Soc. 140, 2014. Brier-weighted error: B. Wilson et
-al., Argoverse 2, NeurIPS Datasets and Benchmarks, 2021.
+samples: C. Ferro, Q. J. R. Meteorol. Soc. 140, 2014. Brier-weighted error: B. Wilson et al., Argoverse 2, NeurIPS
+Datasets and Benchmarks, 2021. KDE-NLL: B. Ivanovic, M. Pavone, The Trajectron, ICCV 2019.
 """
 
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pyarrow as pa
+from scipy.special import logsumexp
 
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.ranking import longest_lived, most_likely
@@ -19,9 +20,12 @@ from modlhmp.tracks import Tracks, usable_tracks
 
 SAMPLES = 40  # of a distribution, so that every method is judged by as many
 BEST_OF = 5
+MISSED_M = 2.0  # a miss: the best of a few is farther from the truth
+LEAST_LOG_DENSITY = -20.0  # so that one who is far from all samples does not decide the mean
 OF_MODES = ("modes_ade_m", "modes_fde_m", "modes_brier_m")
 MEASURES = (
-    "energy_m", "best_ade_m", "best_fde_m", *OF_MODES, "expected_m", "real_m", "samples", "left", "has_left",
+    "energy_m", "kde_nll", "best_ade_m", "best_fde_m", "missed", *OF_MODES,
+    "expected_m", "real_m", "samples", "left", "has_left",
 )  # fmt: skip
 
 
@@ -37,11 +41,11 @@ def score_samples(
 
     `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other, and `k` is the method's own
     number of futures, of which there may be more. Each measure is a list over `horizons_s`, NaN where the track is
-    shorter: `energy_m` the energy score, `best_ade_m` and `best_fde_m` the best of the first five samples, those of
-    `OF_MODES` what `mode_errors` says, NaN for a method of another output, `expected_m` and `real_m` the distance of
-    the method's own output from its samples and from the truth, all in m; `samples` how many the distribution has.
-    `left` is the probability that the person has left by then, `has_left` (0 or 1) whether they had; these two are
-    known for every track.
+    shorter: `energy_m` the energy score [m], `kde_nll` what the function says [nat], `best_ade_m` and `best_fde_m` the
+    best of the first five samples [m], `missed` (0 or 1) whether that FDE is over 2 m, those of `OF_MODES` what
+    `mode_errors` says, NaN for a method of another output, `expected_m` and `real_m` the distance of the method's own
+    output from its samples and from the truth [m]; `samples` how many the distribution has. `left` is the probability
+    that the person has left by then, `has_left` (0 or 1) whether they had; these two are known for every track.
     """
     rows = usable_tracks(tracks, site.observed_rows)
     step_s = site.time_step_s
@@ -71,12 +75,14 @@ def measures(
         points, at = still_there(xy, steps_alive, repeated, step), truth[:, step - 1]
         now = {
             "energy_m": energy_score(points, at),
+            "kde_nll": kde_nll(points, at),
             **{name: one[:, :, step - 1].min(axis=1) for name, one in best.items()},
             **mode_errors(forecast, truth, step),
             "expected_m": nan_mean(distance(points, output[:, None, step - 1]), axis=1),
             "real_m": distance(output[:, step - 1], at),
             "samples": np.isfinite(points[..., 0]).sum(axis=1),
         }
+        now["missed"] = now["best_fde_m"] > MISSED_M
         for name, one in now.items():
             found[name][:, column] = np.where(length >= step, one, np.nan)
         found["left"][:, column] = (steps_alive < step).mean(axis=1)
@@ -160,6 +166,27 @@ def energy_score(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
     number = np.isfinite(points[..., 0]).sum(axis=1)
     between = np.nansum(distance(points[:, :, None], points[:, None]), axis=(1, 2))
     return nan_mean(distance(points, truth[:, None]), axis=1) - between / np.maximum(2 * number * (number - 1), 1)
+
+
+def kde_nll(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Negative log density [n] in nat of what happened, `truth` [n, 2], under a Gaussian kernel estimate of samples.
+
+    `points` [n, m, 2] in m, NaN where there are fewer; the kernel is the samples' covariance by Scott's rule. At most
+    20; NaN for fewer than three samples, or samples on a line, which have no density.
+    """
+    known = np.isfinite(points[..., 0])
+    number = known.sum(axis=1)
+    from_mean = np.where(known[..., None], points - nan_mean(points, axis=1)[:, None], 0.0)
+    scale = np.maximum(number, 2.0) ** (-1 / 3) / np.maximum(number - 1, 1)  # Scott's factor squared
+    xx, xy, yy = (scale * (from_mean[..., i] * from_mean[..., j]).sum(axis=1) for i, j in ((0, 0), (0, 1), (1, 1)))
+    determinant = xx * yy - xy**2
+    usable = (number >= 3) & (determinant > 1e-12)
+    determinant = np.where(usable, determinant, 1.0)
+    dx, dy = (np.where(known, truth[:, None, i] - points[..., i], 0.0) for i in (0, 1))
+    exponent = -0.5 * (yy[:, None] * dx**2 - 2 * xy[:, None] * dx * dy + xx[:, None] * dy**2) / determinant[:, None]
+    total = logsumexp(np.where(known, exponent, -np.inf), axis=1)
+    density = total - np.log(np.maximum(number, 1)) - np.log(2 * np.pi) - 0.5 * np.log(determinant)
+    return np.where(usable, -np.maximum(density, LEAST_LOG_DENSITY), np.nan)
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:

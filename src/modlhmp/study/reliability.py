@@ -12,8 +12,8 @@ from modlhmp.storage import column, read_metadata, read_parquet
 
 BINS = 10
 COLUMNS = (
-    "dataset", "method", "horizon_s", "energy_m", "best_ade_m", "best_fde_m", *OF_MODES, "expected_m", "real_m",
-    "ratio", "samples", "n", "brier", "brier_base", "left_share", "n_left",
+    "dataset", "method", "horizon_s", "energy_m", "kde_nll", "best_ade_m", "best_fde_m", "missed", *OF_MODES,
+    "expected_m", "real_m", "ratio", "samples", "n", "brier", "brier_base", "left_share", "n_left",
 )  # fmt: skip
 
 
@@ -51,7 +51,8 @@ def summarise(
         mean = {name: float(nan_mean(one, axis=0)) for name, one in at.items()}
         share = mean["has_left"]
         rows.append((
-            dataset, method, horizon, *(mean[name] for name in ("energy_m", "best_ade_m", "best_fde_m", *OF_MODES)),
+            dataset, method, horizon,
+            *(mean[name] for name in ("energy_m", "kde_nll", "best_ade_m", "best_fde_m", "missed", *OF_MODES)),
             mean["expected_m"], mean["real_m"], mean["real_m"] / mean["expected_m"] if mean["expected_m"] else np.nan,
             mean["samples"], int(np.isfinite(at["real_m"]).sum()), mean["brier"], share * (1 - share), share,
             len(at["has_left"]),

@@ -5,15 +5,17 @@ from collections.abc import Mapping, Sequence
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.scoring.uncertainty import BEST_OF, OF_MODES, SAMPLES
+from modlhmp.scoring.uncertainty import BEST_OF, MISSED_M, OF_MODES, SAMPLES
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
 from modlhmp.study.reliability import read_uncertainty, summarise
 
 HEADINGS = {
     "energy_m": "energy score [m]",
+    "kde_nll": "KDE-NLL [nat]",
     "best_ade_m": f"best of {BEST_OF}: ADE [m]",
     "best_fde_m": f"best of {BEST_OF}: FDE [m]",
+    "missed": f"best of {BEST_OF}: over {MISSED_M:g} m [%]",
     "modes_ade_m": "best of modes: ADE [m]",
     "modes_fde_m": "best of modes: FDE [m]",
     "modes_brier_m": "best of modes: Brier FDE [m]",
@@ -27,8 +29,15 @@ HEADINGS = {
     "left_share": "have left [%]",
     "n_left": "has left: n",
 }
-FORMS = {"ratio": "{:.2f}", "samples": "{:.1f}", "n": "{:.0f}", "n_left": "{:.0f}", "left_share": "{:.1f}"}
-BEST = ("energy_m", "best_ade_m", "best_fde_m", *OF_MODES, "brier")  # the lowest of each is bold
+FORMS = {
+    "ratio": "{:.2f}",
+    "samples": "{:.1f}",
+    "n": "{:.0f}",
+    "n_left": "{:.0f}",
+    "left_share": "{:.1f}",
+    "missed": "{:.1f}",
+}
+BEST = ("energy_m", "kde_nll", "best_ade_m", "best_fde_m", "missed", *OF_MODES, "brier")  # the lowest of each is bold
 
 
 def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
@@ -39,7 +48,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
         for method in methods
     ]
     rows = pd.concat(parts, ignore_index=True)
-    rows["left_share"] *= 100
+    rows[["left_share", "missed"]] *= 100
     titles = {one.name: one.title for one in datasets}
     for column, names in (("dataset", titles), ("method", methods)):
         rows[column] = pd.Categorical(rows[column], list(names))
@@ -55,10 +64,11 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
         table[heading] = cells
     note = (
         f"Distributions are of the first {SAMPLES} samples that are still there, given that the person is; `samples` "
-        "says how many that were, a repeated one counted once. Energy score: lower is better. Expected error: mean "
-        "distance of the samples from the method's own output; real error: that output's FDE, complete protocol. A "
-        "method that is as sure as it may be has a ratio of 1, one that is too sure a larger one. Has left: the "
-        "probability that the person's track ends before the horizon. Means over a track's seeds, then over tracks."
+        "says how many that were, a repeated one counted once. Energy score: lower is better. KDE-NLL: of the truth "
+        "under a Gaussian kernel estimate of three samples or more, at most 20. Expected error: mean distance of the "
+        "samples from the method's own output; real error: that output's FDE, complete protocol. A method that is as "
+        "sure as it may be has a ratio of 1, one that is too sure a larger one. Has left: the probability that the "
+        "person's track ends before the horizon. Means over a track's seeds, then over tracks."
     )
     if OF_MODES[0] in shown:
         note += " Best of modes: of at most five with probabilities p; Brier FDE: the FDE of the best plus (1 - p)^2."
