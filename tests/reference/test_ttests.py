@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from modlhmp.scoring.protocols import PROTOCOLS
-from modlhmp.scoring.ttests import groups_test, holm, mean_test, paired_test
+from modlhmp.scoring.ttests import detectable, groups_test, holm, mean_test, paired_test
 from modlhmp.study.comparisons import LEAST_DAYS, clusters, compare
 from modlhmp.study.summary import Errors
 
@@ -150,6 +150,20 @@ def test_a_difference_that_is_constant_but_for_rounding_has_no_p(size):
     assert np.ptp(ours.astype(float) - theirs) > 0, "it does vary in the last bits"
     assert np.isnan(paired_test(ours, theirs)[3:]).all()
     assert paired_test(ours + size * np.random.default_rng(2).normal(0, 1e-3, 500), theirs).p_greater < 1e-9
+
+
+@pytest.mark.parametrize("n", [8, 40])
+def test_a_detectable_difference_is_found_in_four_of_five_tries(n):
+    rng, found, asked = (
+        np.random.default_rng(1),
+        0,
+        detectable(mean_test(np.random.default_rng(0).normal(0, 1, 20000)[:n])),
+    )
+    asked *= 1.0 / np.random.default_rng(0).normal(0, 1, 20000)[:n].std(ddof=1)  # of a spread of 1
+    for _ in range(2000):
+        found += mean_test(rng.normal(-asked, 1.0, n)).p < 0.05
+    assert found / 2000 == pytest.approx(0.8, abs=0.03)
+    assert np.isnan(detectable(mean_test(np.ones(5))))
 
 
 @FEW

@@ -191,11 +191,8 @@ def test_measures_equal_the_loop(seed, output):
 
 @given(SEEDS, st.integers(3, 40))
 def test_kde_nll_is_scipy_s(seed, m):
-    rng = np.random.default_rng(seed)
-    points, truth = (
-        rng.normal(0, 1, (3, 45, 2)) * [2.0, 0.5] + [[[5.0, -300.0]]],
-        rng.normal(0, 3, (3, 2)) + [5.0, -300],
-    )
+    rng, middle = np.random.default_rng(seed), np.array([5.0, -300.0])
+    points, truth = middle + rng.normal(0, 1, (3, 45, 2)) * [2.0, 0.5], middle + rng.normal(0, 3, (3, 2))
     points[:, m:] = np.nan
     expected = [-max(stats.gaussian_kde(some[:m].T).logpdf(at)[0], -20) for some, at in zip(points, truth, strict=True)]
     np.testing.assert_allclose(kde_nll(points, truth), expected, rtol=1e-6, atol=1e-6)

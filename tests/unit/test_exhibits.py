@@ -110,7 +110,14 @@ def known(plan):
         found |= {layout.tracks(name, one.name) for one in dataset.recordings}
         found |= {layout.map(name, kind) for kind in ("cliff", "tc_cliff", "stef", "episodes", "snippets", "exits")}
         for method in plan.run.methods_run:
-            paths = (layout.errors, layout.forecasts, layout.uncertainty, layout.training, layout.weights)
+            paths = (
+                layout.errors,
+                layout.forecasts,
+                layout.uncertainty,
+                layout.training,
+                layout.weights,
+                layout.readings,
+            )
             found |= {path(name, method) for path in paths}
     return found
 

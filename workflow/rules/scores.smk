@@ -32,6 +32,31 @@ rule score_method:
         "../scripts/score_method.py"
 
 
+rule read_protocol:
+    """Errors at the longest horizon under every reading of the scoring rules."""
+    input:
+        tracks=tracks_of("test"),
+        forecasts=LAYOUT.forecasts("{dataset}", "{method}"),
+    output:
+        LAYOUT.readings("{dataset}", "{method}"),
+    log:
+        LAYOUT.log("read_protocol", "{dataset}", "{method}"),
+    wildcard_constraints:
+        method="|".join(PLAN.read_anew) or NO_METHOD,
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        run=RUN.run,
+        dataset=settings_of(*SCORE_KEYS),
+        recordings=names_of("test"),
+        code=code_of("read_protocol"),
+    message:
+        "Readings of the scoring rules, {wildcards.method} on {wildcards.dataset}"
+    script:
+        "../scripts/read_protocol.py"
+
+
 rule measure_uncertainty:
     """Energy score, best of five, expected error and probability of having left, by track and seed."""
     input:

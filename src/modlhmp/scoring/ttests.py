@@ -114,6 +114,15 @@ def _test(mean, without, n, varies):
     return MeanTest(n, clusters, mean, mean - reach, mean + reach, np.nan, t, law.cdf(t), law.sf(t))
 
 
+def detectable(test: MeanTest, level: float = 0.05, power: float = 0.8) -> float:
+    """The difference that a one-sided test of such a spread and number of clusters would find in four of five tries."""
+    if not np.isfinite(test.low):
+        return float("nan")
+    law = stats.t(test.clusters - 1)
+    error = (test.high - test.low) / 2 / law.ppf(0.975)
+    return float((law.ppf(1 - level) + law.ppf(power)) * error)
+
+
 def holm(p: Sequence[float] | np.ndarray) -> np.ndarray:
     """Holm's step-down adjusted p values; NaN stay NaN and do not count."""
     p = np.asarray(p, float)

@@ -8,14 +8,14 @@ import pandas as pd
 
 from modlhmp.scoring.errors import seed_mean
 from modlhmp.scoring.protocols import PROTOCOLS
-from modlhmp.scoring.ttests import holm, paired_test
+from modlhmp.scoring.ttests import detectable, holm, paired_test
 from modlhmp.study.summary import Errors, ErrorsByOutput, main_output
 
 LEAST_DAYS = 5  # with fewer, no test over days can reach p < 0.05 (signs of 4 differences: 1 in 16)
 COLUMNS = (
     "dataset", "protocol", "horizon_s", "metric", "method", "against", "output", "output_against", "n", "clusters",
     "mean_m", "mean_against_m", "mean_difference_m", "ci_low_m", "ci_high_m", "effect_size", "t", "p", "p_greater",
-    "n_unknown", "p_known", "p_greater_known", "p_holm", "p_greater_holm",
+    "n_unknown", "p_known", "p_greater_known", "detectable_m", "p_holm", "p_greater_holm",
 )  # fmt: skip
 
 
@@ -68,8 +68,9 @@ def compare(
 
     `errors` maps a method to what `summary.at_horizons` gives for `horizons`; `pairs` lists (method, against); `days`
     as of `clusters`. `mean_m`, `mean_against_m` are over the tracks that both scored. `n_unknown` counts those among
-    them that one side could not forecast; `p_known` and `p_greater_known` are without these. Holm's correction is over
-    all tests of one dataset and protocol, once for each side.
+    them that one side could not forecast; `p_known` and `p_greater_known` are without these. `detectable_m` is the
+    difference that such a test finds in four of five tries. Holm's correction is over all tests of one dataset and
+    protocol, once for each side.
     """
     rows = []
     for protocol in PROTOCOLS:
@@ -87,7 +88,7 @@ def compare(
 
 
 def _tested(both, column):
-    """A row's numbers from n to `p_greater_known`."""
+    """A row's numbers from n to `detectable_m`."""
     ours, theirs = both.ours[:, :, column], both.theirs[:, :, column]
     test = paired_test(ours, theirs, both.cluster)
     means = [float(seed_mean(part)) for part in (ours, theirs)]
@@ -95,4 +96,4 @@ def _tested(both, column):
     known = ~both.unknown
     again = paired_test(ours[:, known], theirs[:, known], both.cluster[known]) if unknown.any() else test
     numbers = (test.mean, test.low, test.high, test.effect, test.t, test.p, test.p_greater)
-    return test.n, test.clusters, *means, *numbers, int(unknown.sum()), again.p, again.p_greater
+    return test.n, test.clusters, *means, *numbers, int(unknown.sum()), again.p, again.p_greater, detectable(test)

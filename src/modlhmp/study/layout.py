@@ -85,6 +85,10 @@ class Layout:
         """Errors of a method's forecasts."""
         return f"{self.results}/{dataset}/errors/{method}.parquet"
 
+    def readings(self, dataset: str, method: str) -> str:
+        """Errors of a method under every reading of the scoring rules."""
+        return f"{self.results}/{dataset}/readings/{method}.parquet"
+
     def ttests(self, dataset: str) -> str:
         """Paired tests between methods."""
         return f"{self.results}/{dataset}/ttests.parquet"

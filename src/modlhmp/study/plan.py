@@ -86,6 +86,11 @@ class Plan:
         return [name for name in self.run.methods_run if self.run.kind(name).name == "average"]
 
     @property
+    def read_anew(self) -> list[str]:
+        """Compared methods of the paper's kinds, scored under every reading of the rules."""
+        return [name for name in self.run.compare if self.run.kind(name).published]
+
+    @property
     def measured(self) -> list[str]:
         """Compared methods whose distributions are scored."""
         return [name for name in self.run.compare if name in self.run.uncertainty.methods]

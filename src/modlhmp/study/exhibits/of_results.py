@@ -248,6 +248,24 @@ EXHIBITS: tuple[Exhibit, ...] = (
         wanted=_has_networks,
     ),
     Exhibit(
+        name="readings-{label}",
+        form="table",
+        module=f"{MODULES}.readings_table",
+        title="readings of the scoring rules",
+        category="Tables",
+        caption="The results table under every reading of the rules that the paper does not state: idle tracks kept or "
+        "dropped, tracks whose forecasts left the map held or dropped, and which tracks a mean over seeds is of; "
+        "methods with velocities from positions beside those with the file's. The paper's numbers stand beside them.",
+        needs=lambda plan, datasets: [
+            plan.layout.readings(dataset.name, method) for dataset in datasets for method in plan.read_anew
+        ],
+        asks=lambda plan, datasets: {
+            "methods": plan.run.titles(plan.read_anew),
+            "kinds": {name: plan.run.kind(name).name for name in plan.read_anew},
+        },
+        wanted=lambda plan: bool(plan.read_anew),
+    ),
+    Exhibit(
         name="ladder-{label}",
         form="table",
         module=f"{MODULES}.ladder_table",

@@ -98,14 +98,24 @@ def draw_ttests(layout: Layout, datasets: Sequence[Dataset], stem: str, methods:
         dataset=tests["dataset"].map({dataset.name: dataset.title for dataset in datasets}),
     )
     shown = tests.drop(columns=["output", "output_against"])
-    for name in ("mean_m", "mean_against_m", "mean_difference_m", "ci_low_m", "ci_high_m", "effect_size", "t"):
+    for name in (
+        "mean_m",
+        "mean_against_m",
+        "mean_difference_m",
+        "ci_low_m",
+        "ci_high_m",
+        "effect_size",
+        "t",
+        "detectable_m",
+    ):
         shown[name] = shown[name].map("{:.3f}".format)
     for name in ("p", "p_greater", "p_known", "p_greater_known", "p_holm", "p_greater_holm"):
         shown[name] = shown[name].map("{:.2g}".format)
     note = (
         "H1: the error of `method` is smaller than that of `against` (`p`; `p_greater`: larger); Holm-corrected per "
         "dataset and protocol. Standard errors are over `clusters`: test days where there are five, else persons. "
-        "`n_unknown` tracks could not be forecast by one of the two; `p_known` is without them."
+        "`n_unknown` tracks could not be forecast by one of the two; `p_known` is without them. `detectable_m`: the "
+        "difference that such a test, uncorrected, finds in four of five tries."
     )
     write_table(shown, stem, "Paired one-sided t-tests", any(dataset.demo for dataset in datasets), note)
 

@@ -1,0 +1,84 @@
+"""The results table under every reading of the scoring rules, which the paper does not state.
+
+Three questions are open: whether tracks of people who stand about count, what becomes of a track whose forecasts have
+left the map (not scored, or held at the last position), and which tracks a mean over seeds is of, where each seed
+scores others. The velocity at t0 is a fourth, and a method's own option.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pandas as pd
+
+from modlhmp.forecasting.base import Forecast
+from modlhmp.scoring.errors import ground_truth, is_idle, nan_mean, seed_mean
+from modlhmp.scoring.protocols import score
+from modlhmp.site import IdleFilter, Site
+from modlhmp.study.summary import main_output
+from modlhmp.tracks import Tracks, usable_tracks
+
+IDLE = IdleFilter()  # of the ATC recordings; asked of all, also where the paper protocol has none
+COLUMNS = ("idle", "left", "tracks", "ade_m", "fde_m", "n", "eligible")
+OWN, UNION, COMMON = "each seed's own", "that any seed scored", "that all seeds scored"
+
+
+def readings(
+    recordings: Iterable[tuple[Tracks, Iterable[tuple[int, np.ndarray, Forecast]]]], site: Site
+) -> pd.DataFrame:
+    """One method's errors at the longest horizon under each reading; a DataFrame of `COLUMNS`.
+
+    `recordings` yields (tracks, forecasts as of `files.read_forecasts`). `idle`: whether idle tracks are `kept` or
+    `dropped`; `left`: tracks whose futures have all left the map are `held` or `dropped`; `tracks`: which the mean is
+    of; `n` scored (mean over seeds where each has its own) of `eligible`.
+    """
+    parts = [_errors(tracks, forecasts, site) for tracks, forecasts in recordings]
+    idle, eligible = (np.concatenate([part[name] for part in parts]) for name in ("idle", "eligible"))
+    rows = []
+    for treated, counted in (("kept", eligible), ("dropped", eligible & ~idle)):
+        for left in ("held", "dropped"):
+            ade, fde = (
+                np.where(counted, np.concatenate([part[left, metric] for part in parts], axis=1), np.nan)
+                for metric in ("ade", "fde")
+            )
+            for name in (OWN,) if left == "held" else (OWN, UNION, COMMON):
+                means, n = _mean(name, ade, fde)
+                rows.append((treated, left, name, *means, n, int(counted.sum())))
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _errors(tracks, forecasts, site):
+    """ADE and FDE [seeds, tracks] of a recording at the longest horizon, held and dropped; who idles, who counts."""
+    rows = usable_tracks(tracks, site.observed_rows)
+    truth, length = ground_truth(tracks, rows, site.observed_rows, site.steps, site.time_step_s)
+    by_seed: dict[int, list[dict]] = {}
+    for seed, ids, forecast in forecasts:
+        mine = sum(len(block["held", "ade"]) for block in by_seed.get(seed, [])) + np.arange(len(ids))
+        found = score(forecast, truth[mine], {"paper": length[mine], "complete": length[mine]})
+        output = main_output({name for name, _ in found})
+        block = {
+            (left, metric): found[output, protocol][metric][:, -1]
+            for left, protocol in (("held", "complete"), ("dropped", "paper"))
+            for metric in ("ade", "fde")
+        }
+        by_seed.setdefault(seed, []).append(block)
+    return {
+        "idle": is_idle(tracks, rows, IDLE.rows, IDLE.min_displacement_m),
+        "eligible": length >= site.steps,
+        **{
+            (left, metric): np.stack([np.concatenate([b[left, metric] for b in some]) for some in by_seed.values()])
+            if by_seed
+            else np.empty((1, 0))
+            for left in ("held", "dropped")
+            for metric in ("ade", "fde")
+        },
+    }
+
+
+def _mean(which, ade, fde):
+    """((ADE, FDE), n) over one choice of tracks; errors [seeds, tracks]."""
+    scored = np.isfinite(ade)
+    if which == UNION:
+        return [float(nan_mean(nan_mean(one, axis=0), axis=0)) for one in (ade, fde)], float(scored.any(axis=0).sum())
+    counted = scored.all(axis=0) if which == COMMON else np.ones(scored.shape[1], bool)
+    means = [float(seed_mean(np.where(counted, one, np.nan))) for one in (ade, fde)]
+    return means, float((scored & counted).sum(axis=1).mean())
