@@ -59,6 +59,11 @@ class Kind:
         """Name of its map under a `maps` folder: a file, or the folder of the hours' files."""
         return self.name if self.hourly else f"{self.name}.parquet"
 
+    @property
+    def has_samples(self) -> bool:
+        """Whether a forecast is several futures, which are a distribution."""
+        return self.forecasts is not None and (self.has_map or (self.learned and not self.one_path))
+
     def seeds(self, seeds: Sequence[int]) -> list[int]:
         """Those of the seeds with which it is run: without randomness the first is enough."""
         return list(seeds) if self.random else list(seeds[:1])

@@ -35,7 +35,7 @@ def write_measures(layout, method, horizons=(4.0, 12.0), tracks=60, factor=1.0, 
 def test_the_table_s_cells_by_hand(layout, tmp_path):
     write_measures(layout, "tc_cliff", factor=2.0)
     write_measures(layout, "snippets")
-    uncertainty_table.draw(layout, [HALL], str(tmp_path / "t"), {m: METHODS[m] for m in MEASURED})
+    uncertainty_table.draw(layout, [HALL], str(tmp_path / "t"), {m: METHODS[m] for m in MEASURED}, {})
     table = pd.read_csv(tmp_path / "t.csv")
     assert table["horizon [s]"].tolist() == [4, 4, 12, 12]
     assert table["method"].tolist() == ["Snippets", "TC-CLiFF"] * 2
@@ -56,10 +56,14 @@ def test_the_table_s_cells_by_hand(layout, tmp_path):
 def test_a_table_of_nobody_long_enough(layout, tmp_path):
     """A dash and n 0, not a crash."""
     write_measures(layout, "snippets", known=False)
-    uncertainty_table.draw(layout, [HALL], str(tmp_path / "t"), {"snippets": "Snippets"})
+    uncertainty_table.draw(
+        layout, [HALL], str(tmp_path / "t"), {"snippets": "Snippets"}, {"CVM": "one path, no samples"}
+    )
     table = pd.read_csv(tmp_path / "t.csv")
     assert set(table["energy score [m]"]) == set(table["real / expected"]) == {"–"}
-    assert set(table["n"]) == {0}
+    assert set(table[table["method"] == "Snippets"]["n"]) == {"0"}
+    (dash,) = table[table["method"] == "CVM"].to_dict("records")
+    assert (dash["samples"], dash["n"], dash["KDE-NLL [nat]"]) == ("one path, no samples", "–", "–")
 
 
 def test_calibration_holds_its_bins(layout, tmp_path):

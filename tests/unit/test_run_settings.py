@@ -185,12 +185,12 @@ def test_a_network_s_settings_are_its_budget_s_and_its_own(config):
     [
         ("snipets", "no method named 'snipets'; did you mean 'snippets'"),
         ("cvm", "cvm has no samples to score"),
-        ("mid", "mid has no samples to score"),
+        ("lstm", "lstm has no samples to score"),
         ("both", "both has no samples to score; methods that have some are of the kinds cliff, tc_cliff"),
     ],
 )
 def test_only_methods_with_samples_are_measured(config, name, message):
-    """Maps have them; constant velocity, networks and averages have not."""
+    """Maps have them, and MID; constant velocity, other networks and averages have not."""
     config["methods"]["both"] = {"kind": "average", "title": "Both", "options": {"of": ["cvm", "episodes"]}}
     config["uncertainty"] = {"methods": ["stef", name]}
     assert f"uncertainty.methods: {message}" in refused(config)

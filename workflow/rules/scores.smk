@@ -63,6 +63,11 @@ rule measure_uncertainty:
         tracks=tracks_of("test"),
         map=method_map,
         exits=method_exits,
+        forecasts=lambda wildcards: (
+            LAYOUT.forecasts(wildcards.dataset, wildcards.method)
+            if wildcards.method in PLAN.learned
+            else []
+        ),
     output:
         LAYOUT.uncertainty("{dataset}", "{method}"),
     log:
@@ -75,6 +80,7 @@ rule measure_uncertainty:
         mem_mb=1500,
         runtime=60,
     params:
+        run=RUN.run,
         method=method_of,
         samples=RUN.uncertainty.samples,
         dataset=settings_of(*FORECAST_KEYS),

@@ -2,6 +2,7 @@
 
 import pyarrow as pa
 
+from modlhmp.forecasting.files import read_forecasts
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.logs import job_log, progress
 from modlhmp.methods import Method, make_forecaster
@@ -10,17 +11,24 @@ from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import DataError, provenance, write_parquet
+from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     method, site = Method.of(params.method), build(Site, params.dataset)
-    forecaster = make_forecaster(method.kind, method.options, site, files.get("map"), files.get("exits"))
+    layout = Layout(params.run)
+    made = files.get("forecasts")  # a network's, which are as many samples as it has
+    if not made:
+        forecaster = make_forecaster(method.kind, method.options, site, files.get("map"), files.get("exits"))
     horizons = scored_horizons(params.horizons, site) or [site.horizon_s]
     tables, drawn = [], max(method.futures, params.samples)
     for name, file in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
         tracks, key = read_tracks(file), (names.dataset, names.method, name)
-        forecasts = forecast_recording(tracks, forecaster, site, key, drawn, params.seeds)
+        if made:
+            forecasts = read_forecasts(layout.forecast(*key))
+        else:
+            forecasts = forecast_recording(tracks, forecaster, site, key, drawn, params.seeds)
         tables.append(score_samples(tracks, forecasts, name, site, method.futures, horizons))
     if not any(table.num_rows for table in tables):
         rows = site.observed_rows + 1

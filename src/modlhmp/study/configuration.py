@@ -108,8 +108,8 @@ def _check_names(run: RunSettings) -> None:
             f"configuration, studies.method: {run.studies.method} has no map to sample, so neither beta nor r_s"
         )
     for name in run.uncertainty.methods:
-        if not run.kind(name).has_map:
-            able = [kind.name for kind in kinds.all_kinds().values() if kind.has_map and kind.forecasts]
+        if not run.kind(name).has_samples:
+            able = [kind.name for kind in kinds.all_kinds().values() if kind.has_samples]
             raise DataError(
                 f"configuration, uncertainty.methods: {name} has no samples to score; methods that have some are of "
                 f"the kinds {', '.join(able)}"

@@ -96,6 +96,15 @@ class Plan:
         return [name for name in self.run.compare if name in self.run.uncertainty.methods]
 
     @property
+    def unmeasured(self) -> dict[str, str]:
+        """The other compared methods, and why they are not."""
+        others = [name for name in self.run.compare if name not in self.measured]
+        return {
+            name: "not measured (uncertainty.methods)" if self.run.kind(name).has_samples else "one path, no samples"
+            for name in others
+        }
+
+    @property
     def studied(self) -> list[str]:
         """Parameters that are studied."""
         return [name for name in ("beta", "sampling_radius_m") if getattr(self.run.studies, name)]

@@ -90,7 +90,9 @@ class Uncertainty:
     methods: tuple[str, ...] = option(
         ("tc_cliff", "episodes", "snippets"), "methods with samples, scored if they are compared; an empty list: none"
     )
-    samples: WholeFrom2 = option(200, "samples drawn from each forecast for the scores; episodes have their own number")
+    samples: WholeFrom2 = option(
+        200, "samples drawn from each forecast for the scores; episodes and networks have their own number"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -40,8 +40,13 @@ FORMS = {
 BEST = ("energy_m", "kde_nll", "best_ade_m", "best_fde_m", "missed", *OF_MODES, "brier")  # the lowest of each is bold
 
 
-def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
-    """One row per dataset, horizon and method; `methods` maps the measured ones' names to titles in table order."""
+def draw(
+    layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str], others: Mapping[str, str]
+) -> None:
+    """One row per dataset, horizon and method; `methods` maps the measured ones' names to titles in table order.
+
+    `others` maps the titles of the compared methods that have no scores to the reason; they are dashes.
+    """
     parts = [
         summarise(one.name, method, *read_uncertainty(layout.uncertainty(one.name, method)))
         for one in datasets
@@ -52,9 +57,10 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
     titles = {one.name: one.title for one in datasets}
     for column, names in (("dataset", titles), ("method", methods)):
         rows[column] = pd.Categorical(rows[column], list(names))
-    rows = rows.sort_values(["dataset", "horizon_s", "method"])
+    rows = rows.sort_values(["dataset", "horizon_s", "method"], ignore_index=True)
     table = pd.DataFrame({"dataset": rows["dataset"].map(titles), "horizon [s]": rows["horizon_s"].map("{:g}".format)})
-    table["method"] = rows["method"].map(methods)
+    table["method"] = rows["method"].map(methods).astype(str)
+    table["dataset"] = table["dataset"].astype(str)
     shown = {name: heading for name, heading in HEADINGS.items() if name not in OF_MODES or rows[name].notna().any()}
     for name, heading in shown.items():
         cells = rows[name].map(FORMS.get(name, "{:.3f}").format).where(rows[name].notna(), "–")
@@ -62,6 +68,10 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
             lowest = rows.groupby(["dataset", "horizon_s"], observed=True)[name].transform("min")
             cells = cells.where(rows[name] != lowest, "**" + cells + "**")
         table[heading] = cells
+    for title, reason in others.items():
+        for dataset in datasets:
+            dashes = dict.fromkeys(shown.values(), "–") | {"samples": reason}
+            table.loc[len(table)] = {"dataset": dataset.title, "horizon [s]": "–", "method": title, **dashes}
     note = (
         f"Distributions are of the first {SAMPLES} samples that are still there, given that the person is; `samples` "
         "says how many that were, a repeated one counted once. Energy score: lower is better. KDE-NLL: of the truth "
