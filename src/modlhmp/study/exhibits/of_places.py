@@ -231,8 +231,8 @@ EXHIBITS: tuple[Exhibit, ...] = (
         caption=lambda plan: (
             "How good each method's forecasts are as distributions, at each horizon: energy score and KDE-NLL (lower "
             "is better), best of five futures and how often that misses by 2 m, the error that a method expects of its "
-            "own output beside the real one, and the Brier score of its probability that the person has left, beside that "
-            "of always forecasting the base rate. "
+            "own output beside the real one, and the Brier score of its probability that the person has left, beside "
+            "that of always forecasting the base rate. "
             f"Complete protocol; means over {len(plan.run.seeds)} seeds per track, then over tracks."
         ),
         needs=_uncertainty,
