@@ -9,7 +9,7 @@ export MODLHMP_CACHE_DIR ?= $(CURDIR)/.cache/kernels
 export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
 export PYTHONHASHSEED ?= 0
 
-.PHONY: help environment reproduce test test-full lint lock bench paper-size settings clean
+.PHONY: help environment reproduce test test-full lint lock bench paper-size results settings clean
 
 help:                     ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -46,6 +46,12 @@ lint: environment         ## ruff, mypy, snakefmt, snakemake --lint
 	$(BIN)/mypy
 	$(BIN)/snakefmt --check Snakefile workflow
 	$(BIN)/snakemake --lint
+
+results: environment     ## the real runs (MODLHMP_DATA) -> docs/numbers.json and the pages made from it
+	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml
+	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/ladder.yaml
+	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/choices.yaml
+	$(BIN)/python -m modlhmp.study.publish
 
 settings: environment    ## schemas and the tables of config/README.md, from the typed settings
 	$(BIN)/python -m modlhmp.study.describe

@@ -206,6 +206,21 @@ def test_the_paper_s_p_belongs_to_equal_or_higher():
     assert set(half["the paper's p"]) == {"–"} and set(half["verdict"]) == {"contradicted"}
 
 
+def test_claims_are_about_the_paper_s_methods_and_no_variants():
+    """A network whose scenes are not turned is not the paper's."""
+    kinds = {**KINDS, "lstm_axes": "lstm", "tc_clean": "tc_cliff"}
+    titles = {**TITLES, "lstm_axes": "LSTM, not turned", "tc_clean": "TC-CLiFF, positions"}
+    assert not [pair for pair in claims.claimed_pairs(kinds) if {"lstm_axes", "tc_clean"} & set(pair)]
+    errors = {**evidence().errors, "lstm": errors_of([1, 2, 9, 18], ("single",), seed=4)}
+    errors |= {"lstm_axes": errors["lstm"], "tc_clean": errors["tc_cliff"]}
+    forum = dataclasses.replace(HALL, label="edin")
+    table = pd.concat(
+        claims.test_claims([evidence(errors=errors, dataset=one)], titles, kinds) for one in (HALL, forum)
+    )
+    assert table["our test"].str.contains("LSTM").any()
+    assert not table["our test"].str.contains("not turned|positions").any()
+
+
 def test_claims_about_the_hour_need_a_clock():
     forum = dataclasses.replace(HALL, label="edin", clock="estimated")
     table = claims.test_claims([evidence(dataset=forum)], TITLES, KINDS)

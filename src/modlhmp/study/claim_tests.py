@@ -45,7 +45,7 @@ def _longest(one, titles, kinds):
 
 def _best(one, titles, kinds):
     for other in kinds:
-        if other != "tc_cliff" and find(kinds[other]).published:
+        if other != "tc_cliff" and of_the_paper(other, kinds):
             yield from _better(one, titles, "tc_cliff", other, [one.dataset.horizon_s], ("ade",))
 
 
@@ -282,8 +282,12 @@ def _row(protocol, text, measured, verdict=""):
 
 def _learned(one, kinds):
     """The paper's networks: its claims are about them."""
-    records = {method: find(kinds[method]) for method in one.errors}
-    return [method for method, kind in records.items() if kind.learned and kind.published]
+    return [method for method in one.errors if of_the_paper(method, kinds) and find(kinds[method]).learned]
+
+
+def of_the_paper(method, kinds):
+    """Whether a method is the paper's own: of one of its kinds, under that name, and no variant of it."""
+    return kinds[method] == method and find(method).published
 
 
 def _if_none(one, kinds):

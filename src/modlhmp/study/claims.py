@@ -11,12 +11,11 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.kinds import find
 from modlhmp.scoring.errors import is_idle
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.ttests import holm
 from modlhmp.site import IdleFilter
-from modlhmp.study.claim_tests import TESTS
+from modlhmp.study.claim_tests import TESTS, of_the_paper
 from modlhmp.study.published import SHORT_S
 from modlhmp.study.summary import ErrorsByOutput
 from modlhmp.tracks import Tracks, usable_tracks
@@ -91,9 +90,9 @@ def claim_horizons(dataset: Dataset, table_horizons: Sequence[float]) -> list[fl
 
 
 def claimed_pairs(kinds: Mapping[str, str]) -> list[tuple[str, str]]:
-    """The pairs (method, against) that claims compare, of methods by name with their kinds."""
+    """The pairs (method, against) that claims compare, of methods {name: kind}: the paper's own, no variants."""
     maps = [method for method in ("tc_cliff", "cliff", "stef") if method in kinds]
-    others = [method for method in kinds if method not in maps and find(kinds[method]).published]
+    others = [method for method in kinds if method not in maps and of_the_paper(method, kinds)]
     pairs = [(one, other) for number, one in enumerate(maps) for other in maps[number + 1 :]]
     return [*pairs, *(("tc_cliff", other) for other in others if "tc_cliff" in maps)]
 

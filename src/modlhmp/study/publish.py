@@ -1,0 +1,194 @@
+"""The published numbers: one small committed file that runs make, and the pages that are rendered from it.
+
+`make results` runs the study on the real recordings, writes `docs/numbers.json` (scores, differences and tables, with
+the commit and each run's command beside them) and renders every template of `docs/templates` into `docs`. A number in a
+template is asked for by what it is of, so one that no run makes cannot be rendered.
+"""
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from jinja2 import Environment, StrictUndefined
+
+from modlhmp.storage import DataError, read_parquet, write_text
+from modlhmp.study.exhibits.selection import main_rows
+from modlhmp.study.layout import Layout
+
+ROOT = Path(__file__).parents[3]
+NUMBERS, TEMPLATES, PAGES = ROOT / "docs/numbers.json", ROOT / "docs/templates", ROOT / "docs"
+# The runs, by name, and the configuration of each.
+RUNS = {
+    "real": "config/real.yaml",
+    "ladder": "config/real.yaml config/lab/ladder.yaml",
+    "choices": "config/real.yaml config/lab/choices.yaml",
+}
+HORIZONS_S = (5.0, 10.0, 20.0, 30.0, 60.0)
+SCORE = ("ade_m", "fde_m", "ade_seed_sd_m", "n", "eligible", "infeasible", "truth_infeasible", "all_ade_m", "all_n")
+DIFFERENCE = ("difference_m", "low_m", "high_m", "percent", "n", "n_unknown")
+TABLES = (
+    "tab_expres",
+    "claims",
+    "tab_models",
+    "tab_uncertainty",
+    "readings-atc",
+    "readings-edin",
+    "ladder-atc",
+    "ladder-edin",
+)
+# A decimal in prose that is no constant of the study has to come from the numbers.
+_DECIMAL = re.compile(r"(?<![\w.`/-])[+-]?\d+\.\d+(?![\w`/])")
+_MADE = re.compile(
+    r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}|```.*?```|`[^`\n]*`|\]\([^)]*\)|^    .*?$", re.DOTALL | re.MULTILINE
+)
+_LIST = re.compile(r"\[[^\[\]{}]*\]")
+_CONSTANTS = re.compile(r"\{#\s*constants:(.*?)#\}", re.DOTALL)
+
+
+def command(run: str) -> str:
+    """What makes a run."""
+    return f"MODLHMP_DATA=/path/to/recordings .venv/bin/snakemake --cores 2 --configfile {RUNS[run]}"
+
+
+def collect(runs: Iterable[str], commit: str, root: str = ".") -> dict[str, Any]:
+    """The numbers of runs that have been made under `root`, as JSON data."""
+    return {"commit": commit, "runs": {run: _of_run(Layout(run, root)) | {"command": command(run)} for run in runs}}
+
+
+def _of_run(layout: Layout) -> dict[str, Any]:
+    """Scores, differences and tables of a run."""
+    if not Path(layout.scores).exists():
+        raise DataError(f"{layout.scores}: no such file; make the run first: {command(layout.run)}")
+    results = main_rows(pd.read_csv(layout.scores))
+    results = results[results["horizon_s"].isin(HORIZONS_S)]
+    found: dict[str, Any] = {"scores": {}, "differences": {}, "tables": {}}
+    for row in results.to_dict("records"):
+        key = _key(row["dataset"], row["protocol"], row["horizon_s"], row["method"])
+        found["scores"][key] = [_short(row[name]) for name in SCORE]
+    for dataset in sorted(results["dataset"].unique()):
+        path = Path(layout.ladder(dataset, "differences"))
+        for row in read_parquet(path).to_pandas().to_dict("records") if path.exists() else []:
+            key = _key(dataset, row["protocol"], row["horizon_s"], row["metric"], row["method"], row["against"])
+            found["differences"][key] = [_short(row[name]) for name in DIFFERENCE]
+    for name in TABLES:
+        path = Path(f"{layout.exhibit(name)}.csv")
+        if path.exists():
+            table = pd.read_csv(path, dtype=str, keep_default_na=False)
+            found["tables"][name] = {"columns": list(table.columns), "rows": table.to_numpy().tolist()}
+    return found
+
+
+def render(template: str, numbers: Mapping[str, Any]) -> str:
+    """A page of its template; `DataError` for a number that no run made."""
+    page = Environment(undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True)
+    asked = _Asked(numbers)
+    names = ("errors", "scored", "score", "less", "percent", "table", "command")
+    return page.from_string(template).render(commit=numbers["commit"], **{name: getattr(asked, name) for name in names})
+
+
+class _Asked:
+    """What a template may ask for."""
+
+    def __init__(self, numbers: Mapping[str, Any]) -> None:
+        self.runs = numbers["runs"]
+
+    def _find(self, kind: str, run: str, *key: Any) -> Any:
+        if run not in self.runs:
+            raise DataError(f"no run {run!r} among the numbers; there are {', '.join(self.runs)}")
+        if (name := _key(*key)) not in self.runs[run][kind]:
+            raise DataError(f"no number {name} among the {kind} of run {run!r}")
+        return self.runs[run][kind][name]
+
+    def score(self, what: str, *place: Any) -> float:
+        """One of `SCORE` of (run, dataset, protocol, horizon, method)."""
+        return self._find("scores", *place)[SCORE.index(what)]
+
+    def errors(self, *place: Any, digits: int = 2) -> str:
+        """`1.66 / 2.93` of (run, dataset, protocol, horizon, method)."""
+        return " / ".join(f"{self.score(what, *place):.{digits}f}" for what in ("ade_m", "fde_m"))
+
+    def scored(self, *place: Any) -> str:
+        """`861.4 of 883`: how many tracks were scored, of those eligible."""
+        return f"{self.score('n', *place):g} of {self.score('eligible', *place):,}"
+
+    def less(self, *place: Any, digits: int = 2) -> str:
+        """`-0.36 m (-0.55 to -0.18)` of (run, dataset, protocol, horizon, metric, method, against)."""
+        values = dict(zip(DIFFERENCE, self._find("differences", *place), strict=True))
+        mean, low, high = (f"{values[name]:+.{digits}f}" for name in DIFFERENCE[:3])
+        unknown = f", {values['n_unknown']} not forecast" if values["n_unknown"] else ""
+        return f"{mean} m ({low} to {high}{unknown})"
+
+    def percent(self, *place: Any) -> str:
+        """`-26 %`, as of `less`."""
+        return f"{self._find('differences', *place)[DIFFERENCE.index('percent')]:+.0f} %"
+
+    def command(self, run: str) -> str:
+        """What made a run."""
+        return self.runs[run]["command"]
+
+    def table(self, run: str, name: str, columns: Sequence[str] = (), **where: str) -> str:
+        """A table of a run as Markdown: some of its columns, of the rows where other columns hold these cells."""
+        found = self._find("tables", run, name)
+        wanted = list(columns) or [one for one in found["columns"] if one not in where]
+        if missing := [one for one in [*wanted, *where] if one not in found["columns"]]:
+            raise DataError(f"table {name} of run {run!r} has no column {missing[0]!r}; it has {found['columns']}")
+        rows = [dict(zip(found["columns"], row, strict=True)) for row in found["rows"]]
+        chosen = [row for row in rows if all(row[column] == cell for column, cell in where.items())]
+        if not chosen:
+            raise DataError(f"table {name} of run {run!r} has no row with {where}")
+        lines = [wanted, ["---"] * len(wanted), *([row[column] for column in wanted] for row in chosen)]
+        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def unmade(template: str) -> list[str]:
+    """Decimals in a template's prose that no run makes: all but those of its comment `{# constants: 0.3 0.05 #}`."""
+    constants = {word for text in _CONSTANTS.findall(template) for word in text.split()}
+    return [found for found in _DECIMAL.findall(_MADE.sub(" ", template)) if found.lstrip("+-") not in constants]
+
+
+def pages(numbers: Mapping[str, Any]) -> dict[Path, str]:
+    """{page: its text} of every template."""
+    return {
+        PAGES / file.name: render(file.read_text(encoding="utf-8"), numbers) for file in sorted(TEMPLATES.glob("*.md"))
+    }
+
+
+def _key(*parts: Any) -> str:
+    return "/".join(f"{part:g}" if isinstance(part, float | int) else str(part) for part in parts)
+
+
+def _short(value: float) -> float | int | None:
+    """A number to six digits, None for none."""
+    if pd.isna(value):
+        return None
+    return int(value) if float(value).is_integer() else float(f"{value:.6g}")
+
+
+def _commit() -> str:
+    """The commit that the runs are of; `DataError` where the code has changes that are in none."""
+    asked = ["git", "status", "--porcelain", "--", "src", "config", "workflow"]
+    if subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip():
+        raise DataError("src, config or workflow have changes that are not committed: commit, then make the results")
+    head = ["git", "rev-parse", "--short=10", "HEAD"]
+    return subprocess.run(head, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def main() -> None:
+    """Write the numbers of all runs, or with `pages` the pages only."""
+    if sys.argv[1:] != ["pages"]:
+        text = json.dumps(collect(RUNS, _commit(), str(ROOT)), indent=1, ensure_ascii=False)
+        write_text(NUMBERS, _LIST.sub(lambda found: " ".join(found[0].split()), text) + "\n")  # a list per line
+    for page, text in pages(json.loads(NUMBERS.read_text(encoding="utf-8"))).items():
+        write_text(page, text)
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except DataError as error:
+        sys.exit(str(error))

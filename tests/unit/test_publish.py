@@ -1,0 +1,90 @@
+"""The published numbers: what is collected from a run, what a template may ask for, and that the pages are fresh."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from modlhmp.scoring.protocols import PROTOCOLS
+from modlhmp.storage import DataError, write_parquet
+from modlhmp.study import publish
+from modlhmp.study.ladder import DIFFERENCES
+from modlhmp.study.layout import Layout
+from modlhmp.study.summary import COLUMNS
+
+
+@pytest.fixture
+def numbers(tmp_path):
+    """Of a run with two methods, a pair and a table."""
+    layout = Layout("real", str(tmp_path))
+    rows = [
+        dict.fromkeys(COLUMNS, float("nan"))
+        | {"dataset": "hall", "method": method, "output": output, "protocol": protocol, "horizon_s": horizon}
+        | {"ade_m": ade + horizon / 10, "fde_m": 2 * ade, "n": 861.4, "eligible": 1378, "ade_seed_sd_m": 0.0312345678}
+        for method, output, ade in (("cliff", "ranked", 1.0), ("cliff", "mean", 9.0), ("cvm", "single", 2.0))
+        for protocol in PROTOCOLS
+        for horizon in (1.0, 5.0, 60.0)
+    ]
+    Path(layout.scores).parent.mkdir(parents=True)
+    pd.DataFrame(rows, columns=COLUMNS).to_csv(layout.scores, index=False)
+    pair = ("hall", "complete", 5.0, "ade", "cliff", "cvm", 100.0, -0.3612, -0.551, -0.18, -26.4, 3)
+    Path(layout.ladder("hall", "differences")).parent.mkdir(parents=True)
+    write_parquet(pa.table({name: [value] for name, value in zip(DIFFERENCES, pair, strict=True)}),
+                  layout.ladder("hall", "differences"))  # fmt: skip
+    table = pd.DataFrame({"claim": ["a", "b"], "dataset": ["Hall", "Forum"], "verdict": ["supported", "–"]})
+    table.to_csv(f"{layout.exhibit('claims')}.csv", index=False)
+    return publish.collect(["real"], "abc123", str(tmp_path))
+
+
+def test_a_template_gets_what_it_asks_for(numbers):
+    numbers = json.loads(json.dumps(numbers))
+    page = publish.render(
+        "{{ errors('real', 'hall', 'complete', 5, 'cliff') }} ({{ scored('real', 'hall', 'paper', 60, 'cvm') }}), "
+        "{{ less('real', 'hall', 'complete', 5, 'ade', 'cliff', 'cvm') }}, "
+        "{{ percent('real', 'hall', 'complete', 5, 'ade', 'cliff', 'cvm') }} at {{ commit }}\n"
+        "{{ table('real', 'claims', ['claim', 'verdict'], dataset='Hall') }}\n",
+        numbers,
+    )
+    assert page == (
+        "1.50 / 2.00 (861.4 of 1,378), -0.36 m (-0.55 to -0.18, 3 not forecast), -26 % at abc123\n"
+        "| claim | verdict |\n| --- | --- |\n| a | supported |\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ("errors('real', 'hall', 'complete', 7, 'cliff')", "no number hall/complete/7/cliff among the scores"),
+        ("errors('reel', 'hall', 'complete', 5, 'cliff')", "no run 'reel' among the numbers; there are real"),
+        ("less('real', 'hall', 'complete', 5, 'ade', 'cvm', 'cliff')", "no number hall/complete/5/ade/cvm/cliff"),
+        ("table('real', 'tab_expres')", "no number tab_expres among the tables"),
+        ("table('real', 'claims', ['p'])", "has no column 'p'"),
+        ("table('real', 'claims', dataset='Yard')", "has no row with"),
+    ],
+)
+def test_a_number_that_no_run_makes_fails(numbers, asked, message):
+    with pytest.raises(DataError, match=message):
+        publish.render("{{ " + asked + " }}", numbers)
+
+
+def test_a_run_that_was_not_made_is_named(tmp_path):
+    with pytest.raises(DataError, match=r"make the run first: .*config/lab/ladder\.yaml"):
+        publish.collect(["ladder"], "abc123", str(tmp_path))
+
+
+def test_decimals_in_prose_are_found():
+    text = (
+        "{# constants: 0.3 #}\nTC-CLiFF has {{ errors(0) }} m, LSTM -1.07 m; walls from 0.3 m on, version `1.2.3`.\n"
+        "    scores 9.99\nSee [it](https://a.b/1.5/) and {% if 2.5 %}3 of 4{% endif %}; 8.64 m.\n"
+    )
+    assert publish.unmade(text) == ["-1.07", "8.64"]
+
+
+@pytest.mark.parametrize("template", sorted(publish.TEMPLATES.glob("*.md")), ids=lambda file: file.name)
+def test_every_published_number_is_made_by_a_run(template):
+    """And the page is what the committed numbers give."""
+    text, numbers = template.read_text(encoding="utf-8"), json.loads(publish.NUMBERS.read_text(encoding="utf-8"))
+    assert publish.unmade(text) == []
+    assert (publish.PAGES / template.name).read_text(encoding="utf-8") == publish.render(text, numbers)
