@@ -29,9 +29,9 @@ from tqdm import tqdm
 
 from modlhmp.storage import write_text
 from modlhmp.study import runtime
+from modlhmp.study.configuration import load_run
 from modlhmp.study.demo import write_recording
 from modlhmp.study.exhibits.style import PAGE_MM, figure, method_style, save
-from modlhmp.study.configuration import load_run
 
 ROOT = Path(__file__).parents[1]
 OUT = ROOT / "results/paper-size"

@@ -36,9 +36,9 @@ from modlhmp.settings import as_plain
 from modlhmp.storage import column, read_parquet, write_parquet
 from modlhmp.streams import stream_keys, uniforms
 from modlhmp.study import runtime
+from modlhmp.study.configuration import load_run
 from modlhmp.study.demo import RECORDINGS, write_recording
 from modlhmp.study.layout import Layout
-from modlhmp.study.configuration import load_run
 from modlhmp.tracks import clock_hours, clock_time, concatenate, read_tracks, write_tracks
 
 ROOT = Path(__file__).parents[1]
@@ -275,8 +275,8 @@ def forecaster(test, kind, dataset, folder):
     made = make_forecaster(kind, options, dataset, map_path(folder, kind))
 
     def run():
-        names = ("bench", kind, "test")
-        return sum(len(ids) for _, ids, _ in forecast_recording(test, made, dataset, names, getattr(options, "k", 1), [0]))
+        names, k = ("bench", kind, "test"), getattr(options, "k", 1)
+        return sum(len(ids) for _, ids, _ in forecast_recording(test, made, dataset, names, k, [0]))
 
     run()
     return run, options

@@ -10,7 +10,7 @@ import pytest
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.storage import write_parquet
-from modlhmp.study.exhibits import parameter_study, training_share
+from modlhmp.study.exhibits import parameter_study, style, training_share
 from modlhmp.study.layout import Layout
 
 HALL = Dataset(name="hall", title="Hall", label="hall", reader="atc", horizon_s=8)
@@ -78,3 +78,22 @@ def test_every_share_of_every_method_and_dataset_has_its_errors(layout, tmp_path
     first = table[table["horizon_s"] == 1]
     assert len(first) == 8
     np.testing.assert_allclose(first["ade_m"], 100 * first["share"])
+
+
+def test_no_two_methods_look_alike():
+    looks = [(one["color"], str(one["linestyle"]), one["marker"]) for one in map(style.method_style, range(60))]
+    assert len(set(looks)) == len(looks)
+    assert len({(colour, marker) for colour, _, marker in looks}) == len(looks), "also without their lines"
+
+
+@pytest.mark.parametrize("labels", [["a"] * 20, ["Trajectron++, scenes not turned (332.8/1160, 1160)"] * 17, ["LSTM"]])
+def test_a_legend_stays_in_its_figure(labels):
+    """However many methods there are, and however they are called; the panels keep their room."""
+    fig, axes = style.figure(1, 1, height_mm=60.0)
+    handles = [style.line_of(number) for number in range(len(labels))]
+    style.legend_below(fig, handles, labels, "n at 20 s")
+    fig.canvas.draw()
+    legend, page = fig.legends[0].get_window_extent(), fig.bbox
+    assert legend.x0 >= page.x0 - 1 and legend.x1 <= page.x1 + 1
+    assert legend.y0 >= page.y0 - 1
+    assert axes[0, 0].get_window_extent().height / fig.dpi * 25.4 > 30

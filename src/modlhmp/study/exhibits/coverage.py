@@ -24,7 +24,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
     """
     rows = main_rows(pd.read_csv(layout.scores))
     rows = rows.assign(coverage=rows["n"] / rows["eligible"].where(rows["eligible"] > 0))
-    fig, axes = style.figure(2, len(datasets), height_mm=84.0, sharex="col")
+    fig, axes = style.figure(2, len(datasets), height_mm=78.0, sharex="col")
     for column, dataset in enumerate(datasets):
         one = rows[rows["dataset"] == dataset.name]
         above, below = axes[:, column]
@@ -43,6 +43,6 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
     handles = [style.line_of(position) for position in range(len(methods))] + axes[1, 0].get_lines()
     names = [*methods.values(), *(f"eligible, {protocol} protocol" for protocol in ELIGIBLE)]
     note = "Under the complete protocol every method scores all eligible tracks."
-    fig.legend(handles, names, loc="outside lower center", ncols=3, title=note, title_fontsize=6)
+    style.legend_below(fig, handles, names, note)
     columns = ["dataset", "method", "output", "protocol", "horizon_s", "n", "eligible", "coverage"]
     style.save(fig, stem, rows[columns], any(dataset.demo for dataset in datasets))

@@ -17,7 +17,7 @@ def draw(layout: Layout, dataset: Dataset, stem: str, methods: Mapping[str, str]
     """Draw the figure of one dataset; `methods` maps names to titles in table order."""
     results = pd.read_csv(layout.scores)
     rows = main_rows(results[results["dataset"] == dataset.name])
-    fig, axes = style.figure(2, 2, height_mm=98.0, sharex=True, sharey="col")
+    fig, axes = style.figure(2, 2, height_mm=80.0, sharex=True, sharey="col")
     for line, (protocol, title) in enumerate(TITLES.items()):
         for column, metric in enumerate(("ade", "fde")):
             ax = axes[line, column]
@@ -31,15 +31,12 @@ def draw(layout: Layout, dataset: Dataset, stem: str, methods: Mapping[str, str]
                 ax.set_xlabel("prediction horizon [s]")
             ax.set_ylabel(f"{metric.upper()} [m]")
     handles = [line for line in axes[0, 0].get_lines() if line.get_marker() != "None"]
-    fig.legend(
-        handles,
-        [f"{title} ({_counts(rows, method)})" for method, title in methods.items()],
-        loc="outside lower center",
-        ncols=2,
-        title=f"{dataset.title}: mean (thick) ± 1 SD over tracks (thin)\n"
-        f"in brackets: n (/ eligible) at {dataset.horizon_s:g} s, paper and complete protocol",
-        title_fontsize=6,
+    labels = [f"{title} ({_counts(rows, method)})" for method, title in methods.items()]
+    note = (
+        f"{dataset.title}: mean (thick) ± 1 SD over tracks (thin)\n"
+        f"in brackets: n (/ eligible) at {dataset.horizon_s:g} s, paper and complete protocol"
     )
+    style.legend_below(fig, handles, labels, note, 2)
     style.save(fig, stem, rows, dataset.demo)
 
 

@@ -67,4 +67,4 @@ def _panel(panel, at, reference_m, colours):
                        fontsize=5.5, color=colours[method])  # fmt: skip
     panel.axvline(reference_m, color=COLOURS["reference"], linewidth=0.6, linestyle=":", zorder=0)
     panel.set(xlim=(0, 1.2 * np.nanmax([at["ade_m"], at["ade_high_m"]])), ylim=(-0.7, len(at) - 0.3))
-    panel.set_xlabel(f"ADE [m], n = {at['n'].iloc[0]}")
+    panel.set_xlabel(f"ADE [m], n = {at['n'].iloc[0]:g}")

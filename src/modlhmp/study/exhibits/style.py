@@ -24,6 +24,7 @@ Look = dict[str, Any]  # options of lines and patches
 
 MM = 1 / 25.4
 COLUMN_MM, PAGE_MM = 88.0, 180.0
+LEGEND_HANDLE_MM, LEGEND_LETTER_MM, LEGEND_ROW_MM = 9.0, 1.1, 3.0  # of a legend's entries at 6 points
 
 # Okabe and Ito's palette, then Tol's: told apart by colour-blind people; lines and markers tell methods apart in grey.
 _COLOURS = (
@@ -73,11 +74,12 @@ mpl.rcParams.update(
 
 
 def method_style(position: int) -> dict[str, Any]:
-    """Line colour, style and marker of the method at a position of the tables."""
+    """Line colour, style and marker of the method at a position of the tables, no two alike."""
+    lap = position // len(_COLOURS)  # the colours come again, with other lines and markers
     return {
         "color": _COLOURS[position % len(_COLOURS)],
-        "linestyle": _LINES[position % len(_LINES)],
-        "marker": _MARKERS[position % len(_MARKERS)],
+        "linestyle": _LINES[(position + 7 * lap) % len(_LINES)],
+        "marker": _MARKERS[(position + 5 * lap) % len(_MARKERS)],
         "markersize": 2.5,
     }
 
@@ -92,6 +94,16 @@ def figure(
 ) -> tuple[Figure, np.ndarray]:
     """A figure of printed size and its axes [rows, columns]."""
     return plt.subplots(rows, columns, figsize=(width_mm * MM, height_mm * MM), squeeze=False, **options)
+
+
+def legend_below(fig: Figure, handles: Sequence[Any], labels: Sequence[str], note: str, most: int = 3) -> None:
+    """A legend under the panels: as many columns as fit, `most` at most, the figure made higher by its rows."""
+    width_mm, height_mm = (inches / MM for inches in fig.get_size_inches())
+    column_mm = LEGEND_HANDLE_MM + LEGEND_LETTER_MM * max(map(len, labels))
+    columns = int(np.clip(width_mm // column_mm, 1, most))
+    rows = -(-len(labels) // columns)
+    fig.set_size_inches(width_mm * MM, (height_mm + LEGEND_ROW_MM * rows) * MM)
+    fig.legend(handles, labels, loc="outside lower center", ncols=columns, title=note, title_fontsize=6)
 
 
 def heading_colour(heading: np.ndarray | pd.Series) -> np.ndarray:
