@@ -117,6 +117,7 @@ def known(plan):
                 layout.training,
                 layout.weights,
                 layout.readings,
+                layout.encounters,
             )
             found |= {path(name, method) for path in paths}
     return found

@@ -57,6 +57,30 @@ rule read_protocol:
         "../scripts/read_protocol.py"
 
 
+rule measure_encounters:
+    """How often forecasts run into where other people really were."""
+    input:
+        tracks=tracks_of_people("test"),
+        forecasts=LAYOUT.forecasts("{dataset}", "{method}"),
+    output:
+        LAYOUT.encounters("{dataset}", "{method}"),
+    log:
+        LAYOUT.log("measure_encounters", "{dataset}", "{method}"),
+    resources:
+        mem_mb=2500,
+        runtime=30,
+    params:
+        run=RUN.run,
+        dataset=settings_of(*SCORE_KEYS),
+        recordings=neighbours_of("test"),
+        horizons=list(RUN.tables.horizons_s),
+        code=code_of("measure_encounters"),
+    message:
+        "Encounters of {wildcards.method} on {wildcards.dataset}"
+    script:
+        "../scripts/measure_encounters.py"
+
+
 rule measure_uncertainty:
     """Energy score, best of five, expected error and probability of having left, by track and seed."""
     input:

@@ -89,6 +89,10 @@ class Layout:
         """Errors of a method under every reading of the scoring rules."""
         return f"{self.results}/{dataset}/readings/{method}.parquet"
 
+    def encounters(self, dataset: str, method: str) -> str:
+        """How often a method's forecasts run into others' true paths."""
+        return f"{self.results}/{dataset}/encounters/{method}.parquet"
+
     def ttests(self, dataset: str) -> str:
         """Paired tests between methods."""
         return f"{self.results}/{dataset}/ttests.parquet"

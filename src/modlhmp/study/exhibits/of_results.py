@@ -266,6 +266,19 @@ EXHIBITS: tuple[Exhibit, ...] = (
         wanted=lambda plan: bool(plan.read_anew),
     ),
     Exhibit(
+        name="tab_encounters",
+        form="table",
+        module=f"{MODULES}.encounters_table",
+        title="forecasts that run into others",
+        category="Tables",
+        caption="How often forecasts come less than 0.2 m near to where another person really was at that time, up to "
+        "each horizon, beside the same of people's own paths.",
+        needs=lambda plan, datasets: [
+            plan.layout.encounters(dataset.name, method) for dataset in datasets for method in plan.run.compare
+        ],
+        asks=_methods,
+    ),
+    Exhibit(
         name="ladder-{label}",
         form="table",
         module=f"{MODULES}.ladder_table",

@@ -1,0 +1,41 @@
+"""Rule measure_encounters."""
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from modlhmp.forecasting.files import read_forecasts
+from modlhmp.logs import job_log
+from modlhmp.scoring.encounters import encounters
+from modlhmp.scoring.errors import nan_mean, seed_mean
+from modlhmp.scoring.horizons import scored_horizons
+from modlhmp.settings import build
+from modlhmp.site import Site
+from modlhmp.storage import provenance, write_parquet
+from modlhmp.study.layout import Layout
+from modlhmp.tracks import read_tracks, together
+
+with job_log(snakemake.log[0]) as log:
+    params, names = snakemake.params, snakemake.wildcards
+    layout, site = Layout(params.run), build(Site, params.dataset)
+    met, truth, length = [], [], []
+    for recording, others in params.recordings.items():
+        tracks, *rest = (read_tracks(layout.tracks(names.dataset, one)) for one in (recording, *others))
+        forecasts = read_forecasts(layout.forecast(names.dataset, names.method, recording))
+        found = encounters(tracks, forecasts, together([tracks, *rest]), site)
+        for part, all_parts in zip(found, (met, truth, length), strict=True):
+            all_parts.append(part)
+    met, truth, length = np.concatenate(met, axis=1), np.concatenate(truth), np.concatenate(length)
+    rows = [
+        (
+            horizon,
+            float(seed_mean(met[:, :, step])),
+            float(nan_mean(truth[:, step], axis=0)),
+            int((length > step).sum()),
+        )
+        for horizon in scored_horizons(params.horizons, site)
+        for step in [round(horizon / site.time_step_s) - 1]
+    ]
+    table = pd.DataFrame(rows, columns=["horizon_s", "met", "truth_met", "n"])
+    origin = provenance(dict(names), dict(params), snakemake.input)
+    write_parquet(pa.Table.from_pandas(table, preserve_index=False), snakemake.output[0], **origin)
