@@ -17,6 +17,9 @@ def jobs(tmp_path_factory):
     return Project(tmp_path_factory.mktemp("demo")).jobs()
 
 
+BY_HOUR = {"tc_cliff", "tc_clean", "tc_middle", "tc_leaving"}
+
+
 def rules_after(jobs, module):
     """Rules that an edit of a module reruns."""
     return {jobs[number].rule for number in rerun_after(jobs, f"modlhmp.{module}")}
@@ -42,7 +45,12 @@ def test_the_demo_plans_all_that_it_promises(jobs):
 @pytest.mark.parametrize(
     ("module", "rules"),
     [
-        ("scoring.ttests", {"compare_methods", "table_ttests", "table_claims"}),
+        (
+            "scoring.ttests",
+            {"compare_methods", "table_ttests", "table_claims", "climb_ladder", "table_ladder", "figure_ladder"},
+        ),
+        ("study.readings", {"read_protocol", "table_readings"}),
+        ("scoring.encounters", {"measure_encounters", "table_encounters"}),
         ("study.exhibits.stef_hours", {"figure_stef_time", "figure_mod"}),
         ("study.claims", {"table_claims"}),
         ("study.exhibits.tables", {"table_scenarios", "table_expres", "table_ttests"}),
@@ -76,16 +84,16 @@ def test_an_edit_of_a_map_s_code_remakes_that_map(jobs):
     rules = rules_after(jobs, "maps.mean_shift")
     assert {"build_cliff", "build_tc_cliff", "forecast_method", "figure_cliff_time", "table_claims"} <= rules
     assert not {"clean_recording", "build_stef", "build_snippets", "figure_stef_time", "table_scenarios"} & rules
-    assert methods_after(jobs, "maps.mean_shift") == {"cliff", "tc_cliff", "tc_clean"}
+    assert methods_after(jobs, "maps.mean_shift") == {"cliff", *BY_HOUR}
 
 
 @pytest.mark.parametrize(
     ("module", "methods"),
     [
-        ("forecasting.chain", {"snippets"}),
-        ("forecasting.rollout", {"cliff", "tc_cliff", "tc_clean", "stef"}),
+        ("forecasting.chain", {"snippets", "snippets_few"}),
+        ("forecasting.rollout", {"cliff", "stef", *BY_HOUR}),
         ("maps.stef", {"stef"}),
-        ("maps.snippets", {"snippets"}),
+        ("maps.snippets", {"snippets", "snippets_few"}),
     ],
 )
 def test_an_edit_of_a_kind_s_code_forecasts_its_methods_alone(jobs, module, methods):
