@@ -4,6 +4,8 @@ Each takes (evidence of one dataset, {method: title}, {method: kind}) and yields
 "measured", and either numbers with a p or a verdict.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 from scipy import stats
 
@@ -285,7 +287,7 @@ def _learned(one, kinds):
     return [method for method in one.errors if of_the_paper(method, kinds) and find(kinds[method]).learned]
 
 
-def of_the_paper(method, kinds):
+def of_the_paper(method: str, kinds: Mapping[str, str]) -> bool:
     """Whether a method is the paper's own: of one of its kinds, under that name, and no variant of it."""
     return kinds[method] == method and find(method).published
 
