@@ -281,7 +281,7 @@ def test_an_edit_of_a_forecaster_forecasts_its_kind_again(tiny_run, tmp_path):
     rules = edited(tiny_run, tmp_path, "forecasting/chain.py")
     of_snippets = ("forecast_method", "score_method", "measure_uncertainty", "study_training", "measure_costs")
     assert {rule: rules.get(rule) for rule in of_snippets} == dict.fromkeys(of_snippets, 2)
-    known = {"compare_methods", "climb_ladder", "summarise_results", "all"}
+    known = {"compare_methods", "climb_ladder", "summarise_results", "measure_encounters", "all"}
     assert not [rule for rule in rules.keys() - {*of_snippets, *known} if not rule.startswith(("table_", "figure_"))]
 
 
