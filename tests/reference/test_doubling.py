@@ -24,11 +24,12 @@ def minute_epochs(monkeypatch):
 
 @pytest.fixture
 def run(tmp_path, minute_epochs):
-    """Function (epochs=1, file=..., **learning) -> what `train_long_enough` returns for an LSTM."""
+    """Function (epochs=1, file=..., options={}, **learning) -> what `train_long_enough` returns for an LSTM."""
 
-    def start(epochs=1, file=tmp_path / "lstm.pt", **learning):
+    def start(epochs=1, file=tmp_path / "lstm.pt", options=None, **learning):
         chosen = replace(LEARNING, **{"doubling": True, "most_minutes": 60.0, **learning})
-        return train_long_enough(find("lstm"), options_of("lstm", epochs), two_days(), SITE, chosen, file, LOG)
+        options = options_of("lstm", epochs, **(options or {}))
+        return train_long_enough(find("lstm"), options, two_days(), SITE, chosen, file, LOG)
 
     return start
 
@@ -66,6 +67,22 @@ def test_a_longer_training_is_used_where_it_is_more_than_three_percent_better(ru
     assert_weights(network, shown[1])
     assert summary["convergence"]["outcome"] == "converged"
     assert summary["convergence"]["fall_per_doubling"] == pytest.approx(0.01)
+
+
+def test_twice_the_windows_are_twice_the_passes(run, tmp_path, monkeypatch):
+    """Even if the windows are less than one, or not a whole number of them."""
+    monkeypatch.setattr(doubling, "GAIN", -10.0)
+    assert windows_of(run(options={"windows": 1}, most_minutes=7.0)[2]) == [1, 2, 4]
+    forget(tmp_path / "lstm.pt")
+    assert windows_of(run(options={"windows": 1 + drawn("lstm")}, most_minutes=6.0)[2]) == [2, 4]
+
+
+def test_a_longer_training_waits_longer_for_a_gain(run, monkeypatch):
+    """With a patience of one pass of two, it is two of four."""
+    scripted(monkeypatch, [10.0, 10.0, 9.0, 9.5, 8.0, 9.0])
+    summary = run(epochs=2, options={"patience": drawn("lstm")}, most_minutes=6.0)[2]
+    assert windows_of(summary) == [2, 4]
+    assert summary["validation_ade_m"] == 8.0
 
 
 @pytest.mark.parametrize("second", [9.75, 12.0])

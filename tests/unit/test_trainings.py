@@ -86,7 +86,7 @@ def test_every_training_is_a_row(layout, tmp_path):
     assert table.iloc[0, best : best + 2].tolist() == ["4.000", "4.200"]
     assert set(table["seed"]) == {"1"}
     assert set(table["convergence"]) == {CONVERGENCES[1][1]}
-    assert set(table["core-minutes, all of them"]) == {"7.8"}
+    assert set(table["core-minutes (trainings)"]) == {"7.8 (2)"}
     # The last two epochs have 4.05 m in the mean, the two before 4.25 m.
     assert set(table["change in the last fifth [m]"]) == {"-0.200"}
     assert "Demo data" in (tmp_path / "tab_models.md").read_text()

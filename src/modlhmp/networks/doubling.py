@@ -1,7 +1,8 @@
 """Is a network's training long enough? It is trained anew with twice the windows until that is no longer much better.
 
 Every training is one of its own, from first weights on and with a checkpoint of its own, since a schedule of the
-learning rate fits one length only. Which one is used may depend on the machine, as far as its time is what ends it.
+learning rate fits one length only; its patience is doubled, too, or it would stop before the rate has fallen. Which
+one is used may depend on the machine, as far as its time is what ends it.
 """
 
 import logging
@@ -43,11 +44,12 @@ def train_long_enough(
     would take at most.
     """
 
-    def trained(times):
-        longer = replace(options, windows=times * options.windows)
+    def trained(times, windows):
+        longer = replace(options, windows=windows, patience=times * options.patience)
         return train(kind, longer, days, site, learning, _checkpoint(weights, times), log, threads, code)
 
-    used, times, fall, outcome = trained(1), 1, None, "converged" if learning.doubling else "not asked"
+    used, times, fall = trained(1, options.windows), 1, None
+    outcome = "converged" if learning.doubling else "not asked"
     trainings = [used[2]]
     while learning.doubling and (fall is None or fall > GAIN):
         spent = sum(one["core_minutes"] for one in trainings)
@@ -55,7 +57,7 @@ def train_long_enough(
             outcome = "no time"
             break
         times *= 2
-        longer = trained(times)
+        longer = trained(times, 2 * trainings[-1]["planned_windows"])  # of whole passes over the tracks
         trainings.append(longer[2])
         fall = 1 - longer[2]["validation_ade_m"] / used[2]["validation_ade_m"]
         log.info("%s: %d times the windows lower the validation ADE by %.1f %%", kind.name, times, 100 * fall)

@@ -41,7 +41,7 @@ def convergence(one: Mapping[str, Any]) -> str:
     percent = 100 * about["fall_per_doubling"]
     if about["outcome"] == "no time":
         return f"not converged: validation still falls by {percent:.1f} % per doubling; {minutes} allow no more"
-    return f"converged: twice the windows are {abs(percent):.1f} % {'better' if percent > 0 else 'worse'}"
+    return f"converged: twice the windows are {abs(percent):.1f} % {'worse' if percent < 0 else 'better'}"
 
 
 def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
@@ -51,7 +51,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
     """
     rows, titles = [], {dataset.name: dataset.title for dataset in datasets}
     for (name, method), one in read_trainings(layout, datasets, methods).items():
-        change = late_change(one["curve"])
+        change, spent = late_change(one["curve"]), sum(each["core_minutes"] for each in one["trainings"])
         rows.append(
             {
                 "dataset": titles[name],
@@ -68,8 +68,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
                 "last epoch": f"{one['last_validation_ade_m']:.3f}",
                 "change in the last fifth [m]": f"{change:+.3f}" if np.isfinite(change) else "too short",
                 "convergence": convergence(one),
-                "trainings": len(one["trainings"]),
-                "core-minutes, all of them": f"{sum(each['core_minutes'] for each in one['trainings']):.1f}",
+                "core-minutes (trainings)": f"{spent:.1f} ({len(one['trainings'])})",
                 "on": f"{one['device']}, {one['threads']} thread{'s' if one['threads'] > 1 else ''}",
             }
         )
