@@ -166,19 +166,27 @@ class Learning:
     )
     device: Literal["auto", "cpu", "cuda"] = option("auto", "`auto`: a GPU if there is one")
     seed: WholeFrom0 = option(0, "of the first weights, the batches and the choice of held-out persons")
+    doubling: bool = option(
+        False, "train anew with twice the windows as long as that is more than 3 % better on the held-out persons"
+    )
+    most_minutes: Positive = option(
+        60.0, "of one processor core for all trainings of a network together [min]: `doubling` begins none beyond them"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Training:
     """Of every network; the budgets give them."""
 
-    epochs: WholeFrom1 = option(100, "at most; each uses one window of every track")
+    windows: WholeFrom1 = option(
+        1_000_000, "futures looked at in all, at most; a pass over the tracks (an epoch) looks at one of every track"
+    )
     batch_size: WholeFrom1 = option(128, "windows per step")
     learning_rate: Positive = option(0.001, "of the optimiser")
     schedule: Literal["cosine", "original"] = option(
         "cosine", "`cosine`: the rate falls to a tenth; `original`: as published"
     )
-    patience: WholeFrom1 = option(100, "epochs without a better validation error before training stops")
+    patience: WholeFrom1 = option(1_000_000, "windows without a better validation error before training stops")
     rotate: bool = option(True, "turn scenes at random in training, as the originals do (not TUTR)")
     held_out: Literal["persons", "blocks"] = option(
         "persons",

@@ -31,7 +31,7 @@ Seconds = Annotated[int, Gt(0)] | Annotated[float, Gt(0)]  # whole ones stay who
 T = TypeVar("T")
 TOP = "top level"
 # Names of old: key -> key, and (key, value) -> values, of which the one that the key takes where it stands is told.
-RENAMED_KEYS = {"kernel_m": "bandwidth_m", "k": "persons", "validation": "held_out"}
+RENAMED_KEYS = {"kernel_m": "bandwidth_m", "k": "persons", "validation": "held_out", "epochs": "windows"}
 RENAMED_VALUES = {("velocity", "columns"): ("as_recorded", "dataset")}
 
 
@@ -294,7 +294,8 @@ def _explain(path: tuple[Any, ...], owner: Any, hint: Any, meaning: str, error: 
         if now in elsewhere:
             remedy = (f": it is now called {now!r}; it belongs" if renamed else ": it belongs") + f" {elsewhere[now]}"
         elif renamed and now in known:
-            remedy = f": it is now called {now!r}"
+            means = next(field for field in dataclasses.fields(owner) if field.name == now).metadata["description"]
+            remedy = f": it is now called {now!r} ({means})"
         else:
             close = difflib.get_close_matches(str(path[-1]), known, 1)
             remedy = f", did you mean {close[0]!r}?" if close else f" (known: {', '.join(known)})"

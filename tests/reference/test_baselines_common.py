@@ -329,7 +329,7 @@ def test_translation_is_exact(kind):
 @every_published_kind
 def test_translation_of_a_forecaster(kind, tmp_path):
     site = Site(horizon_s=12.0, time_step_s=1.0, observed_rows=4, timezone="UTC")
-    options = find(kind).options(**SMALL[kind], epochs=1, batch_size=8)
+    options = find(kind).options(**SMALL[kind], windows=1, batch_size=8)
     net = network(kind, 19).float()
     save_network(tmp_path / "weights.pt", find(kind), options, site, net)
     forecaster = make_forecaster(kind, options, site, tmp_path / "weights.pt", device="cpu", threads=1)

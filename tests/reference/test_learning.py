@@ -23,17 +23,17 @@ pytestmark = pytest.mark.full
 
 KINDS = pytest.mark.parametrize("kind", ["lstm", "social_lstm"])
 NOISE_M = 0.02
-OPTIONS = {"batch_size": 32, "learning_rate": 0.003, "schedule": "cosine", "patience": 1000, "rotate": True}
+OPTIONS = {"batch_size": 32, "learning_rate": 0.003, "schedule": "cosine", "patience": 1_000_000, "rotate": True}
 
 
 @pytest.fixture
 def learn(tmp_path):
-    """Function (kind, tracks, steps, epochs, **options) -> a network trained on the tracks of one day."""
+    """Function (kind, tracks, steps, epochs, **options) -> a network trained so often on the tracks of one day."""
 
     def start(kind, tracks, steps, epochs, **options):
         site = Site(observed_rows=4, horizon_s=float(steps), time_step_s=1.0)
         learning = Learning(device="cpu", futures="masked", seed=0)
-        options = Lstm(**{**OPTIONS, "epochs": epochs, **options})
+        options = Lstm(**{**OPTIONS, "windows": epochs * len(np.unique(tracks.track_id)), **options})
         checkpoint = tmp_path / f"{kind}.checkpoint"
         day = day_of(tracks, [], 4)
         return train(find(kind), options, [day], site, learning, checkpoint, logging.getLogger(), threads=1)[0]

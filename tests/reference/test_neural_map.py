@@ -259,7 +259,7 @@ def test_loaded_maps_give_the_same_forecasts(options, tmp_path):
 # --- learning -----------------------------------------------------------------------------------------------
 
 OPTIONS = NeuralMap(
-    epochs=40, batch_size=64, learning_rate=0.005, schedule="cosine", patience=1000, rotate=False, held_out="blocks",
+    windows=8000, batch_size=64, learning_rate=0.005, schedule="cosine", patience=8000, rotate=False, held_out="blocks",
     another_every=None,
 )  # fmt: skip
 LEARNING = Learning(device="cpu", futures="masked", seed=0)

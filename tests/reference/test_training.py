@@ -3,6 +3,7 @@
 import logging
 import re
 from dataclasses import replace
+from functools import cache
 from itertools import chain
 
 import numpy as np
@@ -34,7 +35,7 @@ LOG = logging.getLogger("training")
 KINDS = [kind.name for kind in BUILT_IN if kind.learned]
 SITE = Site(observed_rows=4, horizon_s=6.0, time_step_s=1.0, timezone="UTC")
 LEARNING = Learning(device="cpu", futures="masked", seed=0)
-OPTIONS = {"epochs": 4, "batch_size": 16, "learning_rate": 0.003, "schedule": "cosine", "patience": 9, "rotate": True}
+OPTIONS = {"batch_size": 16, "learning_rate": 0.003, "schedule": "cosine", "rotate": True}
 SIZES = {
     "lstm": {"hidden": 8},
     "social_lstm": {"hidden": 8},
@@ -46,14 +47,28 @@ SIZES = {
 NAMES = ("data", "method", "day")
 
 
-def options_of(kind, **changes):
-    return find(kind).options(**{**OPTIONS, **SIZES[kind], **changes})
+@cache
+def two_days():
+    """Two days of some 50 usable people each."""
+    return [day_of(crowd(seed, people=60, most_rows=24, gaps=(1, 1, 1, 2)), [], 4) for seed in (1, 2)]
+
+
+@cache
+def drawn(kind):
+    """Windows that a network of this kind looks at in one pass over the two days."""
+    sizes = {name: value for name, value in SIZES[kind].items() if name in ("held_out", "another_every")}
+    return training.training_data(two_days(), "masked", 0.1, 0, 6, 4, 1.0, **sizes).drawn
+
+
+def options_of(kind, epochs=4, patience=9, **changes):
+    """Options of so many passes over the two days, so many of them without a gain."""
+    length = {"windows": epochs * drawn(kind), "patience": patience * drawn(kind)}
+    return find(kind).options(**{**OPTIONS, **length, **SIZES[kind], **changes})
 
 
 @pytest.fixture(scope="module")
 def days():
-    """Two days of some 50 usable people each."""
-    return [day_of(crowd(seed, people=60, most_rows=24, gaps=(1, 1, 1, 2)), [], 4) for seed in (1, 2)]
+    return two_days()
 
 
 @pytest.fixture
@@ -68,7 +83,7 @@ def run(days, tmp_path):
 
 def curve_of(trained):
     """The curve without its times."""
-    return [{name: value for name, value in row.items() if name != "seconds"} for row in trained[1]]
+    return [{name: value for name, value in row.items() if "seconds" not in name} for row in trained[1]]
 
 
 def assert_same_training(one, other):
@@ -108,7 +123,7 @@ def test_an_interrupted_training_gives_the_weights_of_an_undisturbed_one(kind, r
     assert f"{kind}: continues after epoch 2" in caplog.text
     assert "epoch 2 of 4" not in caplog.text
     assert_same_training(resumed, whole)
-    summaries = [{name: value for name, value in one[2].items() if name != "minutes"} for one in (resumed, whole)]
+    summaries = [{name: value for name, value in one[2].items() if "minutes" not in name} for one in (resumed, whole)]
     assert summaries[0] == summaries[1]
     assert_same_training(run(kind, options_of(kind)), whole)  # nothing is left to do
     assert not [file.name for file in tmp_path.iterdir() if file.name.endswith(".part")]
@@ -131,10 +146,34 @@ def test_curve_and_summary(run):
     assert summary["tracks"] > 80
     assert summary["validation_tracks"] > 0
     assert summary["epochs"] == summary["planned_epochs"] == 6
+    assert summary["windows"] == summary["planned_windows"] == 6 * summary["tracks"]
+    assert [row["windows"] for row in curve] == [n * summary["tracks"] for n in range(1, 7)]
+    assert summary["iterations"] == summary["planned_iterations"] == 6 * -(-summary["tracks"] // 16)
     errors = [row["validation_ade_m"] for row in curve]
     assert summary["validation_ade_m"] == min(errors)
     assert summary["best_epoch"] == 1 + errors.index(min(errors))
-    assert summary["device"] == "cpu"
+    assert summary["last_validation_ade_m"] == errors[-1]
+    assert (summary["device"], summary["seed"]) == ("cpu", 0)
+    assert summary["core_minutes"] > 0
+
+
+@pytest.mark.parametrize(("more", "epochs"), [(-1, 2), (0, 2), (1, 3)])
+def test_as_many_passes_as_the_windows_need(run, monkeypatch, more, epochs):
+    """The last one is a whole one; what training waits for a gain is counted in the same way."""
+    windows = 2 * drawn("lstm") + more
+    _, curve, summary = run("lstm", options_of("lstm", windows=windows))
+    assert len(curve) == summary["planned_epochs"] == epochs
+    scripted(monkeypatch, [1.0] * 9)
+    assert len(run("lstm", replace(options_of("lstm", epochs=9), patience=windows))[1]) == 1 + epochs
+
+
+def test_more_windows_per_pass_are_fewer_passes(run):
+    """Of a network that looks at several windows of a track."""
+    few, more = options_of("neural_map", another_every=None), options_of("neural_map")
+    assert few.windows == more.windows
+    few, more = (run("neural_map", options)[2] for options in (few, more))
+    assert more["epochs"] == 4 < few["epochs"]
+    assert few["windows"] < more["windows"] + few["windows"] / few["epochs"]
 
 
 @pytest.mark.parametrize("schedule", ["cosine", "original"])
@@ -190,8 +229,8 @@ def test_a_checkpoint_of_other_settings_is_not_taken_up(run, caplog, setting):
     days = [day_of(concatenate([straight(n, (0, 0), (1, 0), 20, 100.0 * n) for n in range(40)]), [], 4)]
     numbers = [training.training_data(days, "masked", 0.1, seed, 6, 4, 1.0).tracks for seed in range(20)]
     other = {"seed": numbers.index(numbers[0], 1), "futures": "full"}[setting]
-    run("lstm", options_of("lstm", epochs=1), days=days)
-    _, curve, summary = run("lstm", options_of("lstm", epochs=1), days=days, **{setting: other})
+    run("lstm", options_of("lstm", windows=1), days=days)
+    _, curve, summary = run("lstm", options_of("lstm", windows=1), days=days, **{setting: other})
     assert summary["tracks"] == numbers[0]
     assert len(curve) == 1
     assert caplog.text.count("another configuration") == 1
@@ -291,9 +330,9 @@ def test_too_few_tracks(run):
 
 def test_no_track_of_the_whole_horizon(run):
     short = [day_of(concatenate([straight(n, (0, 0), (1, 0), 8, 100.0 * n) for n in range(60)]), [], 4)]
-    assert len(run("lstm", options_of("lstm", epochs=1), days=short)[1]) == 1
+    assert len(run("lstm", options_of("lstm", windows=1), days=short)[1]) == 1
     with pytest.raises(DataError, match=r"`futures: masked`"):
-        run("lstm", options_of("lstm", epochs=1), days=short, futures="full")
+        run("lstm", options_of("lstm", windows=1), days=short, futures="full")
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -377,7 +416,7 @@ def test_saved_weights_are_loaded_as_they_were(kind, saved):
     [
         ("social_lstm", options_of("lstm"), SITE, "kind"),
         ("lstm", options_of("lstm", hidden=16), SITE, "options"),
-        ("lstm", options_of("lstm", epochs=5), SITE, "options"),
+        ("lstm", options_of("lstm", windows=5), SITE, "options"),
         ("lstm", options_of("lstm"), replace(SITE, horizon_s=12.0), "shape"),
         ("lstm", options_of("lstm"), replace(SITE, observed_rows=3), "shape"),
         ("lstm", options_of("lstm"), replace(SITE, horizon_s=3.0, time_step_s=0.5), "shape"),

@@ -68,7 +68,7 @@ def config(shipped):
 
 
 def test_every_shipped_configuration_is_valid(shipped):
-    assert {"config.yaml", "paper.yaml", "real.yaml", "tiny.yaml", "ladder.yaml", "validation.yaml"} <= shipped.keys()
+    assert {"config.yaml", "paper.yaml", "real.yaml", "tiny.yaml", "ladder.yaml", "seeds.yaml"} <= shipped.keys()
     runs = [load(config).run for config in shipped.values()]
     assert len(set(runs)) == len(runs), "two configurations would write to the same folder"
 
@@ -89,6 +89,37 @@ def test_the_run_as_plain_values_is_a_configuration_of_itself(shipped):
         assert build(RunSettings, plain) == run
 
 
+PUBLISHED = ["trajectronpp", "mid", "tutr", "social_lstm", "lstm"]
+
+
+def test_published_networks_are_trained_until_twice_the_windows_do_not_help_on_real_recordings(shipped):
+    """Ours are trained once, and so are the demo's and those that show what one change does."""
+    real, seeds = load(shipped["real.yaml"]), load(shipped["seeds.yaml"])
+    assert all(real.method(name).learning.doubling for name in (*PUBLISHED, "lstm_axes"))
+    assert {real.method(name).learning.most_minutes for name in PUBLISHED} == {60}
+    assert not real.method("neural_map").learning.doubling
+    for file, names in (("config.yaml", PUBLISHED), ("choices.yaml", PUBLISHED), ("ladder.yaml", ["neural_map_1"])):
+        assert not any(load(shipped[file]).method(name).learning.doubling for name in names), file
+    for name in PUBLISHED:
+        for seed in (1, 2):
+            one, plain = seeds.method(f"{name}_{seed}"), real.method(name)
+            assert one.options == plain.options
+            assert one.learning == dataclasses.replace(plain.learning, seed=seed)
+
+
+def test_the_full_budget_has_the_windows_and_iterations_of_the_originals(shipped):
+    """Epochs of all 374,595 windows of the ATC day, to four digits; nothing stops them early."""
+    full = {name: load(shipped["paper.yaml"]).method(name).options for name in PUBLISHED}
+    for name, options in full.items():
+        epochs = 25 if "lstm" in name else 100
+        assert options.windows == round(epochs * 374_595, -4 if epochs == 100 else -3)
+        assert options.patience == options.windows
+    iterations = {name: round(options.windows / options.batch_size, -3) for name, options in full.items()}
+    assert iterations == {
+        "trajectronpp": 146_000, "mid": 146_000, "tutr": 293_000, "social_lstm": 1_171_000, "lstm": 1_171_000
+    }  # fmt: skip
+
+
 # --- configuration ------------------------------------------------------------------------------------------
 
 
@@ -101,7 +132,7 @@ def test_the_run_as_plain_values_is_a_configuration_of_itself(shipped):
         (("maps", "cliff"), "radius", "radius_m"),
         (("methods", "hybrid"), "knd", "kind"),
         (("learned",), "futurs", "futures"),
-        (("budgets", "demo", "tutr"), "epoch", "epochs"),
+        (("budgets", "demo", "tutr"), "window", "windows"),
     ],
 )
 def test_a_mistyped_key_gets_a_hint(config, path, wrong, right):
@@ -160,20 +191,20 @@ def test_a_budget_that_there_is_not_gets_a_hint(config):
     assert "methods.mine.options.budget: no budget named 'fulll'; did you mean 'full'" in refused(config)
 
 
-@pytest.mark.parametrize(("kind", "wrong"), [("lstm", "beta"), ("tc_cliff", "epochs")])
+@pytest.mark.parametrize(("kind", "wrong"), [("lstm", "beta"), ("tc_cliff", "windows")])
 def test_an_option_of_another_kind_of_method_is_refused(config, kind, wrong):
-    """A network has no beta, a map no epochs."""
+    """A network has no beta, a map no windows."""
     config["methods"]["mine"] = {"kind": kind, "title": "Mine", "options": {wrong: 1}}
     assert f"methods.mine.options: unknown key '{wrong}'" in refused(config)
 
 
 def test_a_network_s_settings_are_its_budget_s_and_its_own(config):
     """Its own options win; it may name another budget and other futures; threads are the rule's."""
-    options = {"budget": "economical", "futures": "full", "epochs": 7, "rotate": False}
+    options = {"budget": "economical", "futures": "full", "windows": 7, "rotate": False}
     config["methods"]["mine"] = {"kind": "tutr", "title": "Mine", "options": options}
     run = load(config)
     mine = run.method("mine")
-    assert mine.options == Tutr(**{**config["budgets"]["economical"]["tutr"], "epochs": 7, "rotate": False})
+    assert mine.options == Tutr(**{**config["budgets"]["economical"]["tutr"], "windows": 7, "rotate": False})
     assert mine.learning == Learning(budget="economical", futures="full", device="auto", seed=0)
     assert run.method("tutr").options == Tutr(**config["budgets"]["demo"]["tutr"])
     assert (run.method("cvm").kind, run.method("cvm").options) == ("cvm", ConstantVelocity(velocity="dataset"))
@@ -270,7 +301,12 @@ def test_what_is_wrong_is_told_with_its_remedy(config, changes, message):
         ({"learned": {"validation": "persons"}},
          "learned: unknown key 'validation': it is now called 'held_out'; it belongs to a kind of network: "
          "`budgets` in config/budgets.yaml, or a method's `options`"),
-        ({"learned": {"epochs": 9}}, "learned: unknown key 'epochs': it belongs to a kind of network: `budgets` in"),
+        ({"learned": {"windows": 9}}, "learned: unknown key 'windows': it belongs to a kind of network: `budgets` in"),
+        ({"learned": {"epochs": 9}}, "learned: unknown key 'epochs': it is now called 'windows'; it belongs to a kind"),
+        ({"budgets": {"demo": {"lstm": {"epochs": 9}}}},
+         "budgets.demo.lstm: unknown key 'epochs': it is now called 'windows' (futures looked at in all, at most;"),
+        ({"methods": {"mine": {"kind": "lstm", "options": {"epochs": 9}}}},
+         "methods.mine.options: unknown key 'epochs': it is now called 'windows'"),
         ({"rollout": {"output": "geometric-median"}}, "rollout.output: 'geometric-median' is not one of"),
     ],
 )  # fmt: skip
@@ -470,7 +506,7 @@ def test_options_of_one_map_with_memory_are_not_the_others(config, kind, wrong):
 def test_tuned_options_win(config, name):
     """Over a method's own, and these over the section's or budget's; the rest stays."""
     own, first, second = {
-        "cvm": ("velocity", "dataset", "differences"), "tutr": ("epochs", 1, 2), "episodes": ("persons", 1, 2)
+        "cvm": ("velocity", "dataset", "differences"), "tutr": ("windows", 1, 2), "episodes": ("persons", 1, 2)
     }.get(name, ("k", 1, 2))  # fmt: skip
     config["methods"][name] = {"options": {own: first}}
     run = load(config)
@@ -491,9 +527,9 @@ def test_options_tuned_for_a_kind_hold_where_a_method_says_nothing(config):
 
 
 def test_what_is_tuned_for_a_network_may_be_its_learning(config):
-    found = load(config).method("neural_map", {"neural_map": {"seed": 3, "epochs": 2}})
-    assert (found.learning.seed, found.options.epochs) == (3, 2)
-    assert found.options == NeuralMap(**{**config["budgets"]["demo"]["neural_map"], "epochs": 2})
+    found = load(config).method("neural_map", {"neural_map": {"seed": 3, "windows": 2}})
+    assert (found.learning.seed, found.options.windows) == (3, 2)
+    assert found.options == NeuralMap(**{**config["budgets"]["demo"]["neural_map"], "windows": 2})
 
 
 # --- datasets of a run --------------------------------------------------------------------------------------
@@ -602,7 +638,7 @@ def tuned(tmp_path, config_folder, config):
 
 def test_tuned_options_that_a_method_takes_are_accepted(tuned):
     options = {"snippets": {"bandwidth_m": 0.7, "exits": False}, "cvm": {"velocity": "differences"}}
-    options |= {"lstm": {"epochs": 3, "budget": "full"}}
+    options |= {"lstm": {"windows": 3, "budget": "full"}}
     assert tuned(options)["mine"].tuned == options
 
 

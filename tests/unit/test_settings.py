@@ -138,10 +138,13 @@ def test_a_wrong_key_is_told_with_its_place(changes, line):
         (Snippets, "kernel_m", "bandwidth_m"),
         (NeuralMap, "validation", "held_out"),
         (Training, "validation", "held_out"),
+        (Training, "epochs", "windows"),
     ],
 )
 def test_a_key_that_had_another_name_is_told_the_new_one(cls, old, new):
-    assert told({old: 1}, cls) == [f"top level: unknown key '{old}': it is now called '{new}'"]
+    """And what it means, which may differ."""
+    means = next(field.metadata["description"] for field in dataclasses.fields(cls) if field.name == new)
+    assert told({old: 1}, cls) == [f"top level: unknown key '{old}': it is now called '{new}' ({means})"]
 
 
 def test_a_key_of_old_is_not_told_where_the_new_one_is_not_known():

@@ -60,7 +60,8 @@ OWN = ("--cores", 2, "--configfile", "own.yaml")
 def test_every_shipped_configuration_plans(project, overlays):
     """A dry run at the root plans jobs without recordings.
 
-    The demo is planned in `test_reruns`, tiny.yaml run in `test_run`; lab/choices.yaml has nothing that these have not.
+    The demo is planned in `test_reruns`, tiny.yaml run in `test_run`; `choices` and `seeds` of lab/ have nothing that
+    these have not.
     """
     output = project.snakemake("-n", "--configfile", *(f"config/{overlay}.yaml" for overlay in overlays))
     assert "forecast_method" in output
@@ -119,7 +120,7 @@ def test_a_recording_of_one_s_own(own):
     """
     with (own.folder / "own.yaml").open("a") as file:
         file.write("compare: [tc_cliff, cliff, stef, lstm, cvm, episodes, snippets]\n")
-        file.write("budgets: {demo: {lstm: {epochs: 1}}}\nstudies: {sampling_radius_m: [], beta: [1, 2]}\n")
+        file.write("budgets: {demo: {lstm: {windows: 1}}}\nstudies: {sampling_radius_m: [], beta: [1, 2]}\n")
     for name, seed in (("monday", 1), ("tuesday", 2)):
         own_csv(own.folder / "recordings" / f"{name}.csv", 16, seed)
     own.snakemake(*OWN)

@@ -16,7 +16,7 @@ seeds: [0]
 demo: {scale: 0.15}
 compare: [mean_flow, standing, line, cvm]
 comparisons: [[mean_flow, cvm]]
-budgets: {demo: {line: {epochs: 2}}}
+budgets: {demo: {line: {windows: 100}}}
 ladder: {rows: []}
 uncertainty: {methods: []}
 studies: {beta: [], sampling_radius_m: [], training: {shares: []}}

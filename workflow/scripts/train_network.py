@@ -7,7 +7,8 @@ from modlhmp.kinds import find
 from modlhmp.logs import job_log
 from modlhmp.methods import Method
 from modlhmp.networks.data import day_of
-from modlhmp.networks.training import save_network, train
+from modlhmp.networks.doubling import forget, train_long_enough
+from modlhmp.networks.training import save_network
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance, write_text
@@ -25,12 +26,11 @@ with job_log(snakemake.log[0]) as log:
         for name, others in params.days.items()
     ]
     weights = Path(snakemake.output.weights)
-    checkpoint = weights.with_suffix(".checkpoint")
-    network, curve, summary = train(
-        kind, method.options, days, site, method.learning, checkpoint, log, snakemake.threads, params.code
+    network, curve, summary = train_long_enough(
+        kind, method.options, days, site, method.learning, weights, log, snakemake.threads, params.code
     )
     save_network(weights, kind, method.options, site, network)
     origin = provenance({**snakemake.wildcards, "method": method.name}, dict(params), snakemake.input)
     content = {**summary, "budget": method.learning.budget, "curve": curve, "origin": origin}
     write_text(snakemake.output.summary, json.dumps(content, indent=1))
-    checkpoint.unlink()
+    forget(weights)

@@ -7,7 +7,7 @@ import logging
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -20,12 +20,20 @@ from modlhmp.settings import as_plain
 from modlhmp.site import Site
 from modlhmp.storage import DataError, atomic_path
 
-CURVE = ("epoch", "train_loss", "validation_ade_m", "learning_rate", "seconds")
+CURVE = ("epoch", "windows", "train_loss", "validation_ade_m", "learning_rate", "seconds", "core_seconds")
 NOT_SIZES = {*(field.name for field in dataclasses.fields(Training)), "k"}  # other options build the network
 LEAST_TRACKS = 20
 VALIDATION_SHARE = 0.1
 LENGTH_JITTER = 0.15  # of a track's length, so that batches of like lengths differ from epoch to epoch
 BATCH = 512  # tracks validated or forecast at once
+
+
+class Length(NamedTuple):
+    """How long a training goes on: at most so many epochs, so many without a gain, each of so many iterations."""
+
+    epochs: int
+    patience: int
+    iterations: int
 
 
 def choose_device(wanted: str) -> torch.device:
@@ -59,6 +67,8 @@ def train(
 ) -> tuple[Base, list[dict[str, float]], dict[str, Any]]:
     """Train a network on `days` (`data.Day`s); returns (network with its best weights, curve, summary).
 
+    An epoch is one pass over the tracks, which looks at one window of each (`TrainingData.draw`) and ends with a
+    validation; there are as many as the options' `windows` need.
     `code` is the hash of the code, where it is known. After every epoch all that is needed to go on is in the file
     `checkpoint`; one of the same settings, code and positions is taken up, and gives the same weights as an undisturbed
     training. `DataError` if there are too few tracks, or the loss is not finite.
@@ -68,7 +78,8 @@ def train(
     data = _data(kind, options, learning, days, shape)
     torch.manual_seed(learning.seed)
     network = build_network(kind, options, site)
-    network.planned_iterations = options.epochs * -(-data.drawn // options.batch_size)
+    length = _length(options, data.drawn)
+    network.planned_iterations = length.epochs * length.iterations
     fingerprint = _fingerprint(kind, options, learning, code, days, shape)
     state = load_checkpoint(checkpoint, fingerprint, log)
     curve, best = _first_epochs(network, data, learning.seed, state)
@@ -80,29 +91,45 @@ def train(
         optimiser.load_state_dict(state["optimiser"])
     sizes = _sizes(network, data)
     log.info("%s: %d parameters, %d tracks, %d held out", kind.name, *sizes.values())
-    while len(curve) < options.epochs and len(curve) - best["epoch"] < options.patience:
-        began, epoch = time.perf_counter(), len(curve) + 1
+    while len(curve) < length.epochs and len(curve) - best["epoch"] < length.patience:
+        began, worked, epoch = time.perf_counter(), time.process_time(), len(curve) + 1
         loss, rate = _one_epoch(network, optimiser, data, options, learning.seed, epoch, device)
         if not np.isfinite(loss):
             raise DataError(f"{kind.name}: the loss of epoch {epoch} is not finite; lower learning_rate (now {rate:g})")
         error = validate(network, data.validation, device)
-        row = (epoch, loss, error, rate, time.perf_counter() - began)
-        curve.append(dict(zip(CURVE, row, strict=True)))
+        taken = (time.perf_counter() - began, time.process_time() - worked)
+        curve.append(dict(zip(CURVE, (epoch, epoch * data.drawn, loss, error, rate, *taken), strict=True)))
         if error < best["validation_ade_m"]:
             weights = {name: value.detach().cpu().clone() for name, value in network.state_dict().items()}
             best = {"validation_ade_m": error, "epoch": epoch, "weights": weights}
         _save(checkpoint, {"fingerprint": fingerprint, "weights": network.state_dict(), "curve": curve, "best": best,
                            "optimiser": optimiser.state_dict()})  # fmt: skip
-        left = (options.epochs - epoch) * np.mean([one["seconds"] for one in curve])
+        left = (length.epochs - epoch) * np.mean([one["seconds"] for one in curve])
         log.info("%s: epoch %d of %d, loss %.4g, validation ADE %.3f m, %.1f s, at most %s left",
-                 kind.name, epoch, options.epochs, loss, error, row[-1], _minutes(left))  # fmt: skip
+                 kind.name, epoch, length.epochs, loss, error, taken[0], _minutes(left))  # fmt: skip
     network.load_state_dict(best["weights"])
-    summary = {
-        **sizes, "epochs": len(curve), "planned_epochs": options.epochs, "best_epoch": best["epoch"],
-        "validation_ade_m": best["validation_ade_m"], "device": device.type, "threads": threads,
-        "minutes": sum(row["seconds"] for row in curve) / 60, "futures": learning.futures,
-    }  # fmt: skip
+    summary = {**sizes, **_course(curve, best, length), "device": device.type, "threads": threads,
+               "futures": learning.futures, "seed": learning.seed}  # fmt: skip
     return network, curve, summary
+
+
+def _length(options: Training, drawn: int) -> Length:
+    """How long a training goes on that looks at `drawn` windows per pass over its tracks."""
+    epochs, patience = (-(-windows // drawn) for windows in (options.windows, options.patience))
+    return Length(epochs, patience, -(-drawn // options.batch_size))
+
+
+def _course(curve: list[dict[str, float]], best: dict[str, Any], length: Length) -> dict[str, Any]:
+    """How a training went: what was run of what was planned, its best and its last epoch, and what it took."""
+    per_epoch = int(curve[0]["windows"])
+    return {
+        "windows": len(curve) * per_epoch, "planned_windows": length.epochs * per_epoch,
+        "iterations": len(curve) * length.iterations, "planned_iterations": length.epochs * length.iterations,
+        "epochs": len(curve), "planned_epochs": length.epochs, "best_epoch": best["epoch"],
+        "validation_ade_m": best["validation_ade_m"], "last_validation_ade_m": curve[-1]["validation_ade_m"],
+        "minutes": sum(row["seconds"] for row in curve) / 60,
+        "core_minutes": sum(row["core_seconds"] for row in curve) / 60,
+    }  # fmt: skip
 
 
 def _data(
@@ -206,7 +233,7 @@ def _one_epoch(network, optimiser, data, options, seed, epoch, device):
     torch.manual_seed(int.from_bytes(hashlib.blake2b(f"{seed} {epoch}".encode(), digest_size=7).digest(), "little"))
     rng = np.random.default_rng([seed, epoch])
     factor = cosine if options.schedule == "cosine" else network.decay
-    first = (epoch - 1) * network.planned_iterations // options.epochs
+    first = (epoch - 1) * _length(options, data.drawn).iterations
     losses = []
     network.train()
     for number, batch in enumerate(batches(data.draw(rng), options.batch_size, rng)):

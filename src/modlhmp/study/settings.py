@@ -139,7 +139,7 @@ class RunSettings:
     snippets: options.Snippets = option(options.Snippets(), "for forecasts with a snippet flow map; likewise")
     learned: Networks = option(Networks(), "for every network; likewise")
     budgets: dict[str, dict[str, dict[str, Any]]] = option(
-        {}, "`config/budgets.yaml`: epochs and sizes of each kind of network, by the name of the budget"
+        {}, "`config/budgets.yaml`: windows and sizes of each kind of network, by the name of the budget"
     )
     ladder: Ladder = option(Ladder(), "from the paper's configuration to the best one, one change per row")
     studies: Studies = option(Studies(), "one parameter of a method varied, or the amount of training data")

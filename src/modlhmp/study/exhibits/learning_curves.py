@@ -1,4 +1,4 @@
-"""Figure learning-curves: validation error and training loss of every network, epoch by epoch (not in the paper)."""
+"""Figure learning-curves: validation error and training loss of networks over windows looked at (not in the paper)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -26,16 +26,18 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
             curve = pd.DataFrame(one["curve"])
             above, below = axes[2 * line : 2 * line + 2, column]
             look = {**style.method_style(column), "marker": "none"}
-            above.plot(curve["epoch"], curve["validation_ade_m"], **look)
-            above.plot(one["best_epoch"], one["validation_ade_m"], marker="o", markersize=3, color="black")
-            below.plot(curve["epoch"], curve["train_loss"], color="0.4")
+            seen = curve["windows"] / 1000
+            above.plot(seen, curve["validation_ade_m"], **look)
+            best = seen[curve["epoch"] == one["best_epoch"]]
+            above.plot(best, one["validation_ade_m"], marker="o", markersize=3, color="black")
+            below.plot(seen, curve["train_loss"], color="0.4")
             above.set_title(f"{dataset.title}\n{title}")
             above.set_ylim(bottom=0)
             if column == 0:
                 above.set_ylabel("validation ADE [m]")
                 below.set_ylabel("training loss")
-            tables.append(curve.drop(columns="seconds").assign(dataset=dataset.name, method=method))
-        axes[-1, column].set_xlabel("epoch")
+            tables.append(curve.drop(columns=["seconds", "core_seconds"]).assign(dataset=dataset.name, method=method))
+        axes[-1, column].set_xlabel("windows [thousands]")
     note = "Dots: the epoch whose weights are used. Losses of different networks are different things."
     fig.supxlabel(note, fontsize=6)
     style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset.demo for dataset in datasets))

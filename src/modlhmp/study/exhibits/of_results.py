@@ -241,8 +241,9 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.trainings",
         title="trained networks",
         category="Tables",
-        caption="The learned baselines as they were trained: budget, number of parameters, tracks, epochs run of those "
-        "planned, the validation error of held-out training persons, and how much it still changed at the end.",
+        caption="The learned baselines as they were trained: budget, seed, number of parameters, tracks, windows run "
+        "of those planned, iterations, the validation error of held-out training persons at the best and the last "
+        "epoch, how much it still changed at the end, and whether twice the windows were better.",
         needs=_trainings,
         asks=_networks,
         wanted=_has_networks,

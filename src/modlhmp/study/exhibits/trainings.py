@@ -31,6 +31,19 @@ def late_change(curve: Sequence[Mapping[str, float]]) -> float:
     return ade[-fifth:].mean() - ade[-2 * fifth : -fifth].mean() if fifth else np.nan
 
 
+def convergence(one: Mapping[str, Any]) -> str:
+    """What twice the windows showed, or why they were not tried."""
+    about, minutes = one["convergence"], f"{one['convergence']['most_core_minutes']:g} core-minutes"
+    if about["outcome"] == "not asked":
+        return "not tested"
+    if about["fall_per_doubling"] is None:
+        return f"not tested: twice the windows may take {about['next_core_minutes']:.0f} more, beyond {minutes} in all"
+    percent = 100 * about["fall_per_doubling"]
+    if about["outcome"] == "no time":
+        return f"not converged: validation still falls by {percent:.1f} % per doubling; {minutes} allow no more"
+    return f"converged: twice the windows are {abs(percent):.1f} % {'worse' if percent < 0 else 'better'}"
+
+
 def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
     """One row per dataset and network: its size, its data, how long it was trained, and its validation error.
 
@@ -38,26 +51,33 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
     """
     rows, titles = [], {dataset.name: dataset.title for dataset in datasets}
     for (name, method), one in read_trainings(layout, datasets, methods).items():
-        change = late_change(one["curve"])
+        change, spent = late_change(one["curve"]), sum(each["core_minutes"] for each in one["trainings"])
         rows.append(
             {
                 "dataset": titles[name],
                 "method": methods[method],
                 "budget": one["budget"],
+                "seed": one["seed"],
                 "futures": one["futures"],
                 "parameters": f"{one['parameters']:,}",
                 "tracks (held out)": f"{one['tracks']} ({one['validation_tracks']})",
-                "epochs run / planned": f"{one['epochs']} / {one['planned_epochs']}",
-                "best epoch": one["best_epoch"],
-                "validation ADE [m]": f"{one['validation_ade_m']:.3f}",
+                "windows run / planned": f"{one['windows']:,} / {one['planned_windows']:,}",
+                "iterations": f"{one['iterations']:,}",
+                "best epoch": f"{one['best_epoch']} of {one['epochs']}",
+                "validation ADE [m], best epoch": f"{one['validation_ade_m']:.3f}",
+                "last epoch": f"{one['last_validation_ade_m']:.3f}",
                 "change in the last fifth [m]": f"{change:+.3f}" if np.isfinite(change) else "too short",
-                "minutes": f"{one['minutes']:.1f}",
+                "convergence": convergence(one),
+                "core-minutes (trainings)": f"{spent:.1f} ({len(one['trainings'])})",
                 "on": f"{one['device']}, {one['threads']} thread{'s' if one['threads'] > 1 else ''}",
             }
         )
     note = (
         "Weights are those of the best epoch by the validation ADE, of held-out training persons, each at its own "
-        "length; the change compares its mean over the last fifth of the epochs with that over the fifth before. An "
-        "epoch is one window of every track. Budgets below `full` are reduced: docs/decisions.md."
+        "length; the change compares its mean over the last fifth of the epochs with that over the fifth before. A "
+        "window is one future looked at; an epoch is one window of every track. Converged: a training with twice the "
+        "windows is at most 3 % better on validation; as long as it is better than that, it is used, and twice its "
+        "windows are tried, while the core-minutes of all trainings allow. So which training is used can depend on the "
+        "machine; once chosen, it is repeatable. Budgets below `full` are reduced: docs/decisions.md."
     )
     write_table(pd.DataFrame(rows), stem, "Trained networks", any(dataset.demo for dataset in datasets), note)

@@ -102,7 +102,7 @@ STANDING = Kind(
 class Line(Training):
     """How the network is trained."""
 
-    epochs: WholeFrom1 = option(2, "at most so many times one window of every track")
+    windows: WholeFrom1 = option(100, "futures looked at in all, at most")
 
 
 LINE = Kind(
