@@ -37,7 +37,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
                 above.set_ylabel("validation ADE [m]")
                 below.set_ylabel("training loss")
             tables.append(curve.drop(columns=["seconds", "core_seconds"]).assign(dataset=dataset.name, method=method))
-        axes[-1, column].set_xlabel("windows [thousands]")
+        axes[-1, column].set_xlabel("10³ windows")
     note = "Dots: the epoch whose weights are used. Losses of different networks are different things."
     fig.supxlabel(note, fontsize=6)
     style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset.demo for dataset in datasets))
