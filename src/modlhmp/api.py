@@ -1,6 +1,5 @@
 """The library's front door: read tracks, build and load maps, forecast, score. Every name here is one of `modlhmp`."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral
@@ -10,7 +9,17 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.arguments import check_tracks, free_kind, last_rows, map_kind, numbers, path_of, site_of, truth_of
+from modlhmp.arguments import (
+    check_tracks,
+    free_kind,
+    last_rows,
+    map_kind,
+    numbers,
+    path_of,
+    site_from,
+    site_of,
+    truth_of,
+)
 from modlhmp.cleaning import check_rules, clean_recording
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.futures import Futures, Scores, whole_steps
@@ -21,7 +30,7 @@ from modlhmp.methods import by_hours, forecaster_of
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.protocols import score as score_forecast
 from modlhmp.settings import as_plain, check, unknown
-from modlhmp.site import Site, check_site
+from modlhmp.site import Site
 from modlhmp.storage import DataError, read_metadata, read_parquet, write_parquet
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks, together
@@ -52,8 +61,8 @@ def read_tracks(
     those of one `split`; they lie under `data_root`, and get track ids of their own.
     `DataError` names the file, the row or option, the value and the remedy.
     """
-    suffix = path_of("read_tracks", path).suffix
-    path, is_dataset = path_of("read_tracks", path), suffix in {".yaml", ".yml"}
+    path = path_of("read_tracks", path)
+    suffix, is_dataset = path.suffix, path.suffix in {".yaml", ".yml"}
     asked = {"day": day, "start": start, "data_root": data_root, "split": split, **form}
     taken = {"data_root", "split"} if is_dataset else set() if suffix == ".parquet" else {"day", "start", *form}
     if unused := [name for name, value in asked.items() if value is not None and name not in taken]:
@@ -180,11 +189,7 @@ def load_map(path: str | Path) -> Map:
     origin = read_metadata(first)
     if not {"kind", "site"} <= origin.keys():
         raise DataError(f"{first}: lacks its kind and its site; build it again")
-    said = origin["site"]
-    if isinstance(said, Mapping):  # a dataset's site has more keys
-        said = {field.name: said[field.name] for field in dataclasses.fields(Site) if field.name in said}
-    kind, site = find(origin["kind"]), check(Site, said, f"{first}: its site")
-    check_site(site, f"{first}: its site")
+    kind, site = find(origin["kind"]), site_from(origin["site"], f"{first}: its site")
     for hour, file in files.items():
         if (own := read_metadata(file)) | {"hour": 0} != origin | {"hour": 0} or own.get("hour", hour) != hour:
             raise DataError(

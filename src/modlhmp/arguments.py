@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,12 @@ import numpy as np
 from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures
 from modlhmp.kinds import Kind, all_kinds, find
-from modlhmp.scoring.errors import ground_truth, is_idle
+from modlhmp.scoring.errors import ground_truth, left_out
 from modlhmp.settings import as_plain, check
 from modlhmp.site import Site, check_site
 from modlhmp.storage import DataError
 from modlhmp.tracks import MAX_GAP_S, Tracks, usable_tracks
 
-SITE_KEYS = {field.name for field in dataclasses.fields(Site)}
 LATEST_S = 1e11  # of a time in unix s: the year 5138; one in ms is beyond
 FASTEST_M_S = 100.0  # a recorded speed beyond is in another unit
 USUAL_M_S = 10.0  # of half of all steps: nobody walks so
@@ -30,12 +30,19 @@ def site_of(site: Any, of_map: Site | None = None) -> Site:
         return of_map or Site()
     if not isinstance(site, Site):
         raise DataError(f"site is {type(site).__name__}; give modlhmp.Site(timezone=..., time_step_s=...)")
-    plain = {key: value for key, value in as_plain(site).items() if key in SITE_KEYS}  # a dataset is a site, too
-    checked = check(Site, plain, "site")
-    check_site(checked, "site")
+    checked = site_from(as_plain(site), "site")
     if of_map is not None and checked != of_map:
         raise DataError("site: the map has a site of its own, and this one differs from it; leave it out")
     return checked
+
+
+def site_from(plain: Any, where: str) -> Site:
+    """A checked site from its plain form; other keys are ignored, since a dataset is a site, too."""
+    if isinstance(plain, Mapping):
+        plain = {field.name: plain[field.name] for field in dataclasses.fields(Site) if field.name in plain}
+    site = check(Site, plain, where)
+    check_site(site, where)
+    return site
 
 
 def map_kind(name: str) -> Kind:
@@ -206,7 +213,4 @@ def truth_of(futures: Futures, truth: Tracks, site: Site, steps: int) -> tuple[n
         if int(truth.track_id[first]) in usable:
             found, seconds = ground_truth(truth, np.array([[at, last]]), 1, steps, site.time_step_s)
             xy[number], length[number] = found[0], seconds[0]
-    idle_filter, idle = site.paper_protocol.idle_filter, np.zeros(len(rows), bool)
-    if idle_filter:
-        idle = is_idle(truth, rows, idle_filter.rows, idle_filter.min_displacement_m)
-    return xy, length, idle
+    return xy, length, left_out(truth, rows, site)

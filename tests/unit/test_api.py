@@ -270,12 +270,16 @@ def test_shapes_and_who_is_still_there(maps):
     np.testing.assert_array_equal(ranked.best[3], ranked.paths[3, ranked.ranks[3].argmin()])
 
 
+def usual_and(maps, kind, output):
+    """A kind's few futures with its default output, and with this one."""
+    few = FEW.get(kind, {"k": 7})
+    return [modlhmp.forecast(maps[kind], seen(PEOPLE), **few, **one) for one in ({}, {"output": output})]
+
+
 @pytest.mark.parametrize("kind", ["episodes", "snippets", "cliff"])
 def test_a_medoid_is_one_of_the_samples(maps, kind):
     """The samples are those of the default output; the best is one of them, and ranks first."""
-    few = FEW.get(kind, {"k": 7})
-    median = modlhmp.forecast(maps[kind], seen(PEOPLE), **few)
-    futures = modlhmp.forecast(maps[kind], seen(PEOPLE), **few, output="medoid")
+    median, futures = usual_and(maps, kind, "medoid")
     np.testing.assert_array_equal(futures.paths, median.paths)
     np.testing.assert_array_equal(futures.alive, median.alive)
     rows = np.arange(len(futures.paths))
@@ -285,9 +289,7 @@ def test_a_medoid_is_one_of_the_samples(maps, kind):
 
 @pytest.mark.parametrize("kind", ["episodes", "snippets", "cliff"])
 def test_modes_come_with_probabilities_whatever_the_output(maps, kind):
-    few = FEW.get(kind, {"k": 7})
-    usual = modlhmp.forecast(maps[kind], seen(PEOPLE), **few)
-    futures = modlhmp.forecast(maps[kind], seen(PEOPLE), **few, output="modes")
+    usual, futures = usual_and(maps, kind, "modes")
     np.testing.assert_array_equal(futures.paths, usual.paths)
     for ours, theirs in zip(futures.modes, usual.modes, strict=True):
         np.testing.assert_array_equal(ours, theirs)

@@ -40,7 +40,7 @@ def encounters(
     own_meets = np.where(known, touches(truth[:, None], t0, own, *others)[:, 0], np.nan)
     by_seed: dict[int, list[np.ndarray]] = {}
     for seed, ids, forecast in forecasts:
-        mine = sum(map(len, by_seed.get(seed, []))) + np.arange(len(ids))
+        mine = np.searchsorted(tracks.track_id[rows[:, 0]], ids)
         result = forecast.results
         met = touches(result.xy.astype(np.float64), t0[mine], own[mine], *others)
         found = score(result, truth[mine], {"paper": length[mine], "complete": length[mine]}, met)

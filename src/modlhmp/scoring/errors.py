@@ -47,13 +47,21 @@ def is_idle(tracks: Tracks, rows: np.ndarray, apart: int = 5, min_displacement_m
     return close[last] > close[rows[:, 0]]
 
 
+def left_out(tracks: Tracks, rows: np.ndarray, site: Site) -> np.ndarray:
+    """Which tracks the paper protocol leaves out as idle at a site, [n]; `rows` as of `is_idle`."""
+    idle_filter = site.paper_protocol.idle_filter
+    if idle_filter is None:
+        return np.zeros(len(rows), bool)
+    return is_idle(tracks, rows, idle_filter.rows, idle_filter.min_displacement_m)
+
+
 def lengths_counted(recordings: Iterable[Tracks], site: Site, protocol: str) -> np.ndarray:
     """Seconds from t0 to the end of every usable track of several track tables that a protocol counts, [n]."""
-    parts, idle_filter = [np.empty(0)], site.paper_protocol.idle_filter if protocol == "paper" else None
+    parts = [np.empty(0)]
     for tracks in recordings:
         rows = usable_tracks(tracks, site.observed_rows)
-        if idle_filter:
-            rows = rows[~is_idle(tracks, rows, idle_filter.rows, idle_filter.min_displacement_m)]
+        if protocol == "paper":
+            rows = rows[~left_out(tracks, rows, site)]
         parts.append(tracks.t[rows[:, 1]] - tracks.t[rows[:, 0] + site.observed_rows - 1])
     return np.concatenate(parts)
 

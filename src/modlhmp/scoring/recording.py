@@ -7,7 +7,7 @@ import pyarrow as pa
 
 from modlhmp.floor_plan import FloorPlan, occupied_depth
 from modlhmp.forecasting.base import Forecast
-from modlhmp.scoring.errors import enters_occupied, ground_truth, is_idle
+from modlhmp.scoring.errors import enters_occupied, ground_truth, left_out
 from modlhmp.scoring.protocols import score
 from modlhmp.site import Site
 from modlhmp.tracks import Tracks, clock_hours, usable_tracks
@@ -34,7 +34,7 @@ def score_recording(
     ids = tracks.track_id[rows[:, 0]]
     steps = site.steps
     truth, length = ground_truth(tracks, rows, site.observed_rows, steps, site.time_step_s)
-    idle = _idle(tracks, rows, site)
+    idle = left_out(tracks, rows, site)
     eligible = {"paper": np.where(idle, 0, length), "complete": length}
     t0 = rows[:, 0] + site.observed_rows - 1
     hours = clock_hours(tracks.t[t0], site.timezone)
@@ -73,14 +73,6 @@ def score_recording(
         values = dict.fromkeys(("ade", "fde") if floor_plan is None else ("ade", "fde", "infeasible"), no_errors)
         tables = [_table(one, 0, by_track, nothing, nothing, nothing.astype(str), values)]
     return pa.concat_tables(tables).unify_dictionaries()
-
-
-def _idle(tracks, rows, site):
-    """Whom the paper protocol leaves out as idle, [n]."""
-    idle_filter = site.paper_protocol.idle_filter
-    if idle_filter is None:
-        return np.zeros(len(rows), bool)
-    return is_idle(tracks, rows, idle_filter.rows, idle_filter.min_displacement_m)
 
 
 def _table(one, seed, by_track, wanted, scored, reason, values):

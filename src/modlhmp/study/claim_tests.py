@@ -243,12 +243,7 @@ def _paired(protocol, text, ours, theirs, cluster):
     both = np.isfinite(ours) & np.isfinite(theirs)
     means = [float(seed_mean(np.where(both, part, np.nan))) for part in (ours, theirs)]
     measured = "{:.3f} against {:.3f}".format(*means) if test.n else ""
-    row = _row(protocol, text, measured, _untested(test.p, test.n))
-    return {
-        **row,
-        **_numbers(test.n, test.clusters, test.mean, test.low, test.high, test.p),
-        "_opposite": test.p_greater,
-    }
+    return _of_test(protocol, text, measured, test)
 
 
 def _groups(protocol, text, values, first, cluster):
@@ -260,12 +255,13 @@ def _groups(protocol, text, values, first, cluster):
     test = groups_test(values, first, ~first, cluster)
     means = [float(seed_mean(values[:, group])) for group in (first, ~first)]
     measured = f"{means[0]:.3f} (n {sizes[0]}) against {means[1]:.3f} (n {sizes[1]})"
-    row = _row(protocol, text, measured, _untested(test.p, test.n))
-    return {
-        **row,
-        **_numbers(test.n, test.clusters, test.mean, test.low, test.high, test.p),
-        "_opposite": test.p_greater,
-    }
+    return _of_test(protocol, text, measured, test)
+
+
+def _of_test(protocol, text, measured, test):
+    """A row of a test that is made here."""
+    numbers = _numbers(test.n, test.clusters, test.mean, test.low, test.high, test.p)
+    return {**_row(protocol, text, measured, _untested(test.p, test.n)), **numbers, "_opposite": test.p_greater}
 
 
 def _numbers(n, clusters, mean, low, high, p):

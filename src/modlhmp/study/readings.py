@@ -52,7 +52,7 @@ def _errors(tracks, forecasts, site):
     truth, length = ground_truth(tracks, rows, site.observed_rows, site.steps, site.time_step_s)
     by_seed: dict[int, list[dict]] = {}
     for seed, ids, forecast in forecasts:
-        mine = sum(len(block["held", "ade"]) for block in by_seed.get(seed, [])) + np.arange(len(ids))
+        mine = np.searchsorted(tracks.track_id[rows[:, 0]], ids)
         found = score(forecast, truth[mine], {"paper": length[mine], "complete": length[mine]})
         output = main_output({name for name, _ in found})
         block = {
