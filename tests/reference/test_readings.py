@@ -77,6 +77,13 @@ def test_recordings_are_taken_together_and_short_tracks_do_not_count():
     assert set(found["eligible"]) == {3}
 
 
+def test_a_recording_without_a_usable_track_says_nothing():
+    tracks, off = walkers(3), np.ones(3)
+    alone = readings([(tracks, forecasts(tracks, [[6] * 3] * 2, off))], SITE)
+    beside = readings([(walkers(2, rows=3), []), (tracks, forecasts(tracks, [[6] * 3] * 2, off))], SITE)
+    pd.testing.assert_frame_equal(alone, beside)
+
+
 def _of(tracks):
     n = len(tracks.bounds()) - 1
     return Forecast(

@@ -18,14 +18,14 @@ from modlhmp.tracks import read_tracks, together
 with job_log(snakemake.log[0]) as log:
     params, names = snakemake.params, snakemake.wildcards
     layout, site = Layout(params.run), build(Site, params.dataset)
-    met, truth, length = [], [], []
+    every = []
     for recording, others in params.recordings.items():
         tracks, *rest = (read_tracks(layout.tracks(names.dataset, one)) for one in (recording, *others))
         forecasts = read_forecasts(layout.forecast(names.dataset, names.method, recording))
-        found = encounters(tracks, forecasts, together([tracks, *rest]), site)
-        for part, all_parts in zip(found, (met, truth, length), strict=True):
-            all_parts.append(part)
-    met, truth, length = np.concatenate(met, axis=1), np.concatenate(truth), np.concatenate(length)
+        every.append(encounters(tracks, forecasts, together([tracks, *rest]), site))
+    parts = [part for part in every if len(part[2])] or every[:1]  # one without tracks has no seeds either
+    met = np.concatenate([part[0] for part in parts], axis=1)
+    truth, length = (np.concatenate([part[column] for part in parts]) for column in (1, 2))
     rows = [
         (
             horizon,

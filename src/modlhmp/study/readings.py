@@ -31,7 +31,8 @@ def readings(
     `dropped`; `left`: tracks whose futures have all left the map are `held` or `dropped`; `tracks`: which the mean is
     of; `n` scored (mean over seeds where each has its own) of `eligible`.
     """
-    parts = [_errors(tracks, forecasts, site) for tracks, forecasts in recordings]
+    every = [_errors(tracks, forecasts, site) for tracks, forecasts in recordings]
+    parts = [part for part in every if len(part["idle"])] or every[:1]  # one without tracks has no seeds either
     idle, eligible = (np.concatenate([part[name] for part in parts]) for name in ("idle", "eligible"))
     rows = []
     for treated, counted in (("kept", eligible), ("dropped", eligible & ~idle)):
