@@ -166,6 +166,11 @@ class Learning:
     )
     device: Literal["auto", "cpu", "cuda"] = option("auto", "`auto`: a GPU if there is one")
     seed: WholeFrom0 = option(0, "of the first weights, the batches and the choice of held-out persons")
+    epoch: Literal["best", "last"] = option(
+        "best",
+        "whose weights forecast: `best` on the held-out persons, or the `last`; no training of its own where a "
+        "method inherits all else",
+    )
     doubling: bool = option(
         False, "train anew with twice the windows as long as that is more than 3 % better on the held-out persons"
     )

@@ -331,7 +331,7 @@ def test_translation_of_a_forecaster(kind, tmp_path):
     site = Site(horizon_s=12.0, time_step_s=1.0, observed_rows=4, timezone="UTC")
     options = find(kind).options(**SMALL[kind], windows=1, batch_size=8)
     net = network(kind, 19).float()
-    save_network(tmp_path / "weights.pt", find(kind), options, site, net)
+    save_network(tmp_path / "weights.pt", find(kind), options, site, net.state_dict())
     forecaster = make_forecaster(kind, options, site, tmp_path / "weights.pt", device="cpu", threads=1)
     keys = stream_keys(np.arange(8), 2 if kind == "mid" else 1, 0, "hall")
     here = forecaster(observed(20), twins.STEPS, keys)

@@ -45,7 +45,7 @@ def assert_weights(network, expected):
 
 
 def test_unless_asked_for_there_is_one_training(run, tmp_path):
-    network, curve, summary = run(epochs=2, doubling=False)
+    network, curve, summary, _ = run(epochs=2, doubling=False)
     plain = training.train(find("lstm"), options_of("lstm", 2), two_days(), SITE, LEARNING, tmp_path / "plain", LOG)
     assert curve_of((network, curve)) == curve_of(plain)
     assert_weights(network, plain[0].state_dict())
@@ -57,7 +57,7 @@ def test_unless_asked_for_there_is_one_training(run, tmp_path):
 def test_a_longer_training_is_used_where_it_is_more_than_three_percent_better(run, monkeypatch):
     """Of 1, 2 and 4 passes the second is 10 % better than the first, the third 1 % better than the second."""
     shown = scripted(monkeypatch, [10.0, 9.0, 9.5, 9.2, 8.91, 9.3, 9.4])
-    network, curve, summary = run()
+    network, curve, summary, last = run()
     assert windows_of(summary) == [1, 2, 4]
     assert [one["validation_ade_m"] for one in summary["trainings"]] == [10.0, 9.0, 8.91]
     assert [one["last_validation_ade_m"] for one in summary["trainings"]] == [10.0, 9.5, 9.4]
@@ -65,6 +65,7 @@ def test_a_longer_training_is_used_where_it_is_more_than_three_percent_better(ru
     assert [row["validation_ade_m"] for row in curve] == [9.0, 9.5]
     assert (summary["validation_ade_m"], summary["epochs"], summary["best_epoch"]) == (9.0, 2, 1)
     assert_weights(network, shown[1])
+    assert all(torch.equal(value, shown[2][name]) for name, value in last.items())  # of the training that is used
     assert summary["convergence"]["outcome"] == "converged"
     assert summary["convergence"]["fall_per_doubling"] == pytest.approx(0.01)
 
@@ -88,7 +89,7 @@ def test_a_longer_training_waits_longer_for_a_gain(run, monkeypatch):
 @pytest.mark.parametrize("second", [9.75, 12.0])
 def test_a_shorter_training_is_kept_where_the_longer_gains_no_more_than_three_percent(run, monkeypatch, second):
     shown = scripted(monkeypatch, [10.0, second, second])
-    network, curve, summary = run()
+    network, curve, summary, _ = run()
     assert (len(curve), windows_of(summary)) == (1, [1, 2])
     assert_weights(network, shown[0])
     assert summary["convergence"]["outcome"] == "converged"
@@ -98,7 +99,7 @@ def test_a_shorter_training_is_kept_where_the_longer_gains_no_more_than_three_pe
 def test_no_training_is_begun_that_may_not_fit_into_the_minutes(run, monkeypatch):
     """1 and 2 minutes fit into 6, and 4 more do not."""
     shown = scripted(monkeypatch, [10.0, 9.0, 8.0])
-    network, _, summary = run(most_minutes=6.0)
+    network, _, summary, _ = run(most_minutes=6.0)
     assert windows_of(summary) == [1, 2]
     assert_weights(network, shown[2])
     assert summary["convergence"] == {
@@ -129,7 +130,7 @@ def test_an_interrupted_job_gives_the_weights_of_an_undisturbed_one(run, tmp_pat
         run(epochs=2, most_minutes=6.0)
     torch.manual_seed(99)
     with caplog.at_level(logging.INFO):
-        network, curve, summary = run(epochs=2, most_minutes=6.0)
+        network, curve, summary, _ = run(epochs=2, most_minutes=6.0)
     assert "epoch 1 of" not in caplog.text
     assert "epoch 2 of" not in caplog.text
     assert curve_of((network, curve)) == curve_of(whole)

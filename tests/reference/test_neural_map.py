@@ -239,7 +239,7 @@ SITE = Site(horizon_s=12.0, time_step_s=1.0, observed_rows=4, timezone="UTC")
 def test_loaded_maps_give_the_same_forecasts(options, tmp_path):
     scenes = walking(11)
     net = some_network(11, **options).float()
-    save_network(tmp_path / "map.pt", KIND, NeuralMap(**options), SITE, net)
+    save_network(tmp_path / "map.pt", KIND, NeuralMap(**options), SITE, net.state_dict())
     loaded = load_network(tmp_path / "map.pt", KIND, NeuralMap(**options), SITE)
     scenes = scenes._replace(past=scenes.past.float(), where=scenes.where.float())
     assert torch.equal(forecast(loaded, scenes), forecast(net, scenes))

@@ -138,7 +138,7 @@ def test_the_same_seed_gives_the_same_training_and_another_another(run, tmp_path
 
 
 def test_curve_and_summary(run):
-    network, curve, summary = run("lstm", options_of("lstm", epochs=6, learning_rate=0.01))
+    network, curve, summary, _ = run("lstm", options_of("lstm", epochs=6, learning_rate=0.01))
     assert [tuple(row) for row in curve] == [training.CURVE] * 6
     assert [row["epoch"] for row in curve] == [1, 2, 3, 4, 5, 6]
     assert curve[-1]["train_loss"] < curve[0]["train_loss"]
@@ -161,7 +161,7 @@ def test_curve_and_summary(run):
 def test_as_many_passes_as_the_windows_need(run, monkeypatch, more, epochs):
     """The last one is a whole one; what training waits for a gain is counted in the same way."""
     windows = 2 * drawn("lstm") + more
-    _, curve, summary = run("lstm", options_of("lstm", windows=windows))
+    _, curve, summary, _ = run("lstm", options_of("lstm", windows=windows))
     assert len(curve) == summary["planned_epochs"] == epochs
     scripted(monkeypatch, [1.0] * 9)
     assert len(run("lstm", replace(options_of("lstm", epochs=9), patience=windows))[1]) == 1 + epochs
@@ -178,7 +178,7 @@ def test_more_windows_per_pass_are_fewer_passes(run):
 
 @pytest.mark.parametrize("schedule", ["cosine", "original"])
 def test_the_learning_rate_follows_its_schedule(run, schedule):
-    _, curve, summary = run("lstm", options_of("lstm", epochs=5, batch_size=4, schedule=schedule))
+    _, curve, summary, _ = run("lstm", options_of("lstm", epochs=5, batch_size=4, schedule=schedule))
     iterations = -(-summary["tracks"] // 4)
     done = (np.arange(1, 6) * iterations - 1) / (5 * iterations)  # at the last iteration of each epoch
     expected = 0.55 + 0.45 * np.cos(np.pi * done) if schedule == "cosine" else [1.0, 1.0, 0.1, 0.1, 0.01]
@@ -189,7 +189,7 @@ def test_every_epoch_draws_new_windows_and_turns_them(run, tmp_path, monkeypatch
     loss, seen = lstm.Network.loss, {True: [], False: []}
     for rotate, batches_seen in seen.items():
         monkeypatch.setattr(lstm.Network, "loss", lambda self, s, to=batches_seen: to.append(s) or loss(self, s))
-        _, _, summary = run("lstm", options_of("lstm", epochs=2, rotate=rotate), checkpoint=tmp_path / str(rotate))
+        _, _, summary, _ = run("lstm", options_of("lstm", epochs=2, rotate=rotate), checkpoint=tmp_path / str(rotate))
     turned, unturned = (Scenes(*map(torch.cat, zip(*part, strict=True))) for part in seen.values())
     assert len(turned.past) == 2 * summary["tracks"]
     assert torch.equal(turned.future_present, unturned.future_present)
@@ -230,7 +230,7 @@ def test_a_checkpoint_of_other_settings_is_not_taken_up(run, caplog, setting):
     numbers = [training.training_data(days, "masked", 0.1, seed, 6, 4, 1.0).tracks for seed in range(20)]
     other = {"seed": numbers.index(numbers[0], 1), "futures": "full"}[setting]
     run("lstm", options_of("lstm", windows=1), days=days)
-    _, curve, summary = run("lstm", options_of("lstm", windows=1), days=days, **{setting: other})
+    _, curve, summary, _ = run("lstm", options_of("lstm", windows=1), days=days, **{setting: other})
     assert summary["tracks"] == numbers[0]
     assert len(curve) == 1
     assert caplog.text.count("another configuration") == 1
@@ -291,13 +291,15 @@ def scripted(monkeypatch, errors):
 
 def test_training_stops_when_it_no_longer_gains_and_returns_the_best_weights(run, monkeypatch):
     shown = scripted(monkeypatch, [3.0, 1.0, 2.0, 1.5, 0.5, 0.9])
-    network, curve, summary = run("lstm", options_of("lstm", epochs=6, patience=2))
+    network, curve, summary, last = run("lstm", options_of("lstm", epochs=6, patience=2))
     assert len(curve) == len(shown) == summary["epochs"] == 4  # two epochs without gain after the second
     assert summary["planned_epochs"] == 6
     assert (summary["best_epoch"], summary["validation_ade_m"]) == (2, 1.0)
     for name, value in network.state_dict().items():
         assert torch.equal(value, shown[1][name])
     assert any(not torch.equal(value, shown[3][name]) for name, value in network.state_dict().items())
+    assert last.keys() == shown[3].keys()
+    assert all(torch.equal(value, shown[3][name]) for name, value in last.items())
 
 
 def test_the_best_weights_are_kept_by_the_checkpoint(run, monkeypatch):
@@ -305,7 +307,7 @@ def test_the_best_weights_are_kept_by_the_checkpoint(run, monkeypatch):
         shown = scripted(patch, [3.0, 1.0, 2.0])
         run("lstm", options_of("lstm", patience=2))
     scripted(monkeypatch, [4.0])
-    network, curve, _ = run("lstm", options_of("lstm", patience=2))
+    network, curve, _, _ = run("lstm", options_of("lstm", patience=2))
     assert [row["validation_ade_m"] for row in curve] == [3.0, 1.0, 2.0, 4.0]
     for name, value in network.state_dict().items():
         assert torch.equal(value, shown[1][name])
@@ -396,7 +398,7 @@ def saved(tmp_path):
         network = build_network(find(kind), options, SITE).eval()
         for buffer in (buffer for name, buffer in network.named_buffers() if name == "modes"):
             buffer.copy_(torch.randn(buffer.shape).cumsum(1))
-        save_network(tmp_path / f"{kind}.pt", find(kind), options, SITE, network)
+        save_network(tmp_path / f"{kind}.pt", find(kind), options, SITE, network.state_dict())
         return tmp_path / f"{kind}.pt", network
 
     return save

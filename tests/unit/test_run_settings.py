@@ -573,6 +573,23 @@ def test_a_network_inherits_its_learning(config):
 
 
 @pytest.mark.parametrize(
+    ("entry", "trained"),
+    [
+        ({"inherits": "one", "options": {"epoch": "last"}}, "one"),
+        ({"inherits": "one"}, "one"),
+        ({"inherits": "again", "options": {"epoch": "last"}}, "one"),
+        ({"inherits": "one", "options": {"epoch": "last", "seed": 1}}, "two"),
+        ({"inherits": "one", "options": {"rotate": False}}, "two"),
+        ({"kind": "social_lstm", "inherits": "one", "options": {"epoch": "last"}}, "two"),
+        ({"kind": "lstm", "options": {"epoch": "last"}}, "two"),
+    ],
+)
+def test_another_epoch_is_no_training_of_its_own(config, entry, trained):
+    config["methods"] |= {"one": {"kind": "lstm", "options": {"seed": 4}}, "again": {"inherits": "one"}, "two": entry}
+    assert load(config).trained_as("two") == trained
+
+
+@pytest.mark.parametrize(
     ("methods", "message"),
     [
         ({"a": {"inherits": "tc_clif"}}, "methods.a: say of which `kind` it is"),

@@ -1,12 +1,12 @@
 # Forecasts of every usable test track, to the longest horizon; networks are trained first.
 #
 # INPUTS   clean test recordings; the method's map or the network's weights, if there are any
-# OUTPUTS  results/{run}/{dataset}/models/{method}.{pt,json}, forecasts/{method}/{recording}.parquet
+# OUTPUTS  results/{run}/{dataset}/models/{method}.{pt,last.pt,json}, forecasts/{method}/{recording}.parquet
 # STEPS    train_{method}; forecast_method, forecast_with_network; average_forecasts for the mean of others
 #
 # One job forecasts all recordings of a dataset, since starting up takes longer than most recordings.
 
-for method in PLAN.learned:
+for method in PLAN.trained:
 
     rule:
         name:
@@ -15,6 +15,7 @@ for method in PLAN.learned:
             tracks=tracks_of_people("train"),
         output:
             weights=LAYOUT.weights("{dataset}", method),
+            last=LAYOUT.weights("{dataset}", method, "last"),
             summary=LAYOUT.training("{dataset}", method),
         log:
             LAYOUT.log("train", "{dataset}", method),
@@ -42,8 +43,10 @@ rule forecast_with_network:
     """Futures of each usable track of every test recording; everyone there on its day is seen as well."""
     input:
         tracks=tracks_of_people("test"),
-        weights=LAYOUT.weights("{dataset}", "{method}"),
-        summary=LAYOUT.training("{dataset}", "{method}"),
+        weights=lambda wildcards: PLAN.weights_of(wildcards.dataset, wildcards.method),
+        summary=lambda wildcards: LAYOUT.training(
+            wildcards.dataset, RUN.trained_as(wildcards.method)
+        ),
     output:
         directory(LAYOUT.forecasts("{dataset}", "{method}")),
     log:

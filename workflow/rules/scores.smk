@@ -194,7 +194,7 @@ rule measure_costs:
         ),
         exits=lambda wildcards: LAYOUT.map(wildcards.dataset, "exits"),
         weights=lambda wildcards: [
-            LAYOUT.weights(wildcards.dataset, name)
+            PLAN.weights_of(wildcards.dataset, name)
             for name in COSTED
             if name in PLAN.learned
         ],
@@ -213,6 +213,11 @@ rule measure_costs:
         ],
         averages={
             name: RUN.averaged_parts(name) for name in RUNGS if name in PLAN.averages
+        },
+        weights=lambda wildcards: {
+            name: PLAN.weights_of(wildcards.dataset, name)
+            for name in COSTED
+            if name in PLAN.learned
         },
         dataset=settings_of(*SCORE_KEYS),
         code=method_code("measure_costs", *COSTED),

@@ -20,7 +20,7 @@ with job_log(snakemake.log[0]) as log:
         kind, device = find(method.kind), "auto"
         path = layout.map(dataset, kind.name) if kind.has_map else None
         if kind.learned:
-            path, device = layout.weights(dataset, method.name), method.learning.device
+            path, device = params.weights[method.name], method.learning.device
         forecaster = make_forecaster(method.kind, method.options, site, path, snakemake.input.exits, device)
         costs[method.name] = milliseconds_per_track(forecaster, tracks, dataset, site, method.futures)
         log.info("%s: %.3g ms per track", method.name, costs[method.name])

@@ -26,11 +26,12 @@ with job_log(snakemake.log[0]) as log:
         for name, others in params.days.items()
     ]
     weights = Path(snakemake.output.weights)
-    network, curve, summary = train_long_enough(
+    trained = train_long_enough(
         kind, method.options, days, site, method.learning, weights, log, snakemake.threads, params.code
     )
-    save_network(weights, kind, method.options, site, network)
+    for file, found in ((weights, trained.network.state_dict()), (snakemake.output.last, trained.last)):
+        save_network(file, kind, method.options, site, found)
     origin = provenance({**snakemake.wildcards, "method": method.name}, dict(params), snakemake.input)
-    content = {**summary, "budget": method.learning.budget, "curve": curve, "origin": origin}
+    content = {**trained.summary, "budget": method.learning.budget, "curve": trained.curve, "origin": origin}
     write_text(snakemake.output.summary, json.dumps(content, indent=1))
     forget(weights)

@@ -12,8 +12,7 @@ from typing import Any
 
 from modlhmp.kinds import Kind
 from modlhmp.networks.data import Day
-from modlhmp.networks.network import Base
-from modlhmp.networks.training import train
+from modlhmp.networks.training import Trained, train
 from modlhmp.options import Learning, Training
 from modlhmp.site import Site
 
@@ -34,7 +33,7 @@ def train_long_enough(
     log: logging.Logger,
     threads: int = 1,
     code: str | None = None,
-) -> tuple[Base, list[dict[str, float]], dict[str, Any]]:
+) -> Trained:
     """`train`, and with `learning.doubling` anew with twice the windows as long as that gains more than 3 %.
 
     Checkpoints lie beside the file `weights` (`checkpoints`) until `forget`, so that an interrupted job finds those
@@ -50,7 +49,7 @@ def train_long_enough(
 
     used, times, fall = trained(1, options.windows), 1, None
     outcome = "converged" if learning.doubling else "not asked"
-    trainings = [used[2]]
+    trainings = [used.summary]
     while learning.doubling and (fall is None or fall > GAIN):
         spent = sum(one["core_minutes"] for one in trainings)
         if spent + minutes_of_twice(trainings[-1]) > learning.most_minutes:
@@ -58,17 +57,16 @@ def train_long_enough(
             break
         times *= 2
         longer = trained(times, 2 * trainings[-1]["planned_windows"])  # of whole passes over the tracks
-        trainings.append(longer[2])
-        fall = 1 - longer[2]["validation_ade_m"] / used[2]["validation_ade_m"]
+        trainings.append(longer.summary)
+        fall = 1 - longer.summary["validation_ade_m"] / used.summary["validation_ade_m"]
         log.info("%s: %d times the windows lower the validation ADE by %.1f %%", kind.name, times, 100 * fall)
         used = longer if fall > GAIN else used
-    network, curve, summary = used
     convergence = {
         "outcome": outcome, "fall_per_doubling": fall, "most_core_minutes": learning.most_minutes,
         "next_core_minutes": minutes_of_twice(trainings[-1]),
     }  # fmt: skip
     listed = [{key: one[key] for key in KEPT} for one in trainings]
-    return network, curve, {**summary, "trainings": listed, "convergence": convergence}
+    return used._replace(summary={**used.summary, "trainings": listed, "convergence": convergence})
 
 
 def minutes_of_twice(summary: dict[str, Any]) -> float:

@@ -5,7 +5,7 @@ import hashlib
 import json
 import logging
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +26,15 @@ LEAST_TRACKS = 20
 VALIDATION_SHARE = 0.1
 LENGTH_JITTER = 0.15  # of a track's length, so that batches of like lengths differ from epoch to epoch
 BATCH = 512  # tracks validated or forecast at once
+
+
+class Trained(NamedTuple):
+    """A network with the weights of its best epoch, its learning curve, how it went, and its last epoch's weights."""
+
+    network: Base
+    curve: list[dict[str, float]]
+    summary: dict[str, Any]
+    last: dict[str, torch.Tensor]
 
 
 class Length(NamedTuple):
@@ -64,8 +73,8 @@ def train(
     log: logging.Logger,
     threads: int = 1,
     code: str | None = None,
-) -> tuple[Base, list[dict[str, float]], dict[str, Any]]:
-    """Train a network on `days` (`data.Day`s); returns (network with its best weights, curve, summary).
+) -> Trained:
+    """Train a network on `days` (`data.Day`s).
 
     An epoch is one pass over the tracks, which looks at one window of each (`TrainingData.draw`) and ends with a
     validation; there are as many as the options' `windows` need.
@@ -100,17 +109,17 @@ def train(
         taken = (time.perf_counter() - began, time.process_time() - worked)
         curve.append(dict(zip(CURVE, (epoch, epoch * data.drawn, loss, error, rate, *taken), strict=True)))
         if error < best["validation_ade_m"]:
-            weights = {name: value.detach().cpu().clone() for name, value in network.state_dict().items()}
-            best = {"validation_ade_m": error, "epoch": epoch, "weights": weights}
+            best = {"validation_ade_m": error, "epoch": epoch, "weights": _weights(network)}
         _save(checkpoint, {"fingerprint": fingerprint, "weights": network.state_dict(), "curve": curve, "best": best,
                            "optimiser": optimiser.state_dict()})  # fmt: skip
         left = (length.epochs - epoch) * np.mean([one["seconds"] for one in curve])
         log.info("%s: epoch %d of %d, loss %.4g, validation ADE %.3f m, %.1f s, at most %s left",
                  kind.name, epoch, length.epochs, loss, error, taken[0], _minutes(left))  # fmt: skip
+    last = _weights(network)
     network.load_state_dict(best["weights"])
     summary = {**sizes, **_course(curve, best, length), "device": device.type, "threads": threads,
                "futures": learning.futures, "seed": learning.seed}  # fmt: skip
-    return network, curve, summary
+    return Trained(network, curve, summary, last)
 
 
 def _length(options: Training, drawn: int) -> Length:
@@ -204,10 +213,12 @@ def load_checkpoint(path: str | Path, fingerprint: str, log: logging.Logger) -> 
     return state
 
 
-def save_network(path: str | Path, kind: Kind, options: Training, site: Site, network: Base) -> None:
-    """Write the weights and what the network was built from."""
+def save_network(
+    path: str | Path, kind: Kind, options: Training, site: Site, weights: Mapping[str, torch.Tensor]
+) -> None:
+    """Write a network's weights (its `state_dict`) and what it was built from."""
     settings = {"kind": kind.name, "options": as_plain(options), "shape": _shape(site)}
-    _save(path, {"settings": json.dumps(settings, sort_keys=True), "weights": network.state_dict()})
+    _save(path, {"settings": json.dumps(settings, sort_keys=True), "weights": weights})
 
 
 def load_network(path: str | Path, kind: Kind, options: Training, site: Site) -> Base:
@@ -226,6 +237,11 @@ def load_network(path: str | Path, kind: Kind, options: Training, site: Site) ->
     network = build_network(kind, options, site)
     network.load_state_dict(stored["weights"])
     return network.eval()
+
+
+def _weights(network):
+    """A copy of a network's weights on the CPU."""
+    return {name: value.detach().cpu().clone() for name, value in network.state_dict().items()}
 
 
 def _one_epoch(network, optimiser, data, options, seed, epoch, device):

@@ -65,9 +65,9 @@ class Layout:
         """One hour of a kind's map."""
         return f"{self.map(dataset, kind)}/{hour:02d}.parquet"
 
-    def weights(self, dataset: str, method: str) -> str:
-        """Weights of a trained network."""
-        return f"{self.results}/{dataset}/models/{method}.pt"
+    def weights(self, dataset: str, method: str, epoch: str = "best") -> str:
+        """Weights of a trained network: those of its `best` epoch, or of its `last`."""
+        return f"{self.results}/{dataset}/models/{method}{'.last' if epoch == 'last' else ''}.pt"
 
     def training(self, dataset: str, method: str) -> str:
         """How a network was trained."""

@@ -81,6 +81,17 @@ class Plan:
         return [name for name in self.run.methods_run if self.run.kind(name).learned]
 
     @property
+    def trained(self) -> list[str]:
+        """Networks that are trained: others use the weights of one of these."""
+        return list(dict.fromkeys(map(self.run.trained_as, self.learned)))
+
+    def weights_of(self, dataset: str, name: str) -> str:
+        """The weights that a network forecasts with."""
+        learning = self.method(dataset, name).learning
+        assert learning is not None
+        return self.layout.weights(dataset, self.run.trained_as(name), learning.epoch)
+
+    @property
     def averages(self) -> list[str]:
         """Methods that are the mean of others."""
         return [name for name in self.run.methods_run if self.run.kind(name).name == "average"]

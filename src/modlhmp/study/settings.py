@@ -212,6 +212,12 @@ class RunSettings:
         parts = [part for one in self.members(name) for part in self.averaged_parts(one, (*within, name))]
         return list(dict.fromkeys(parts)) or [name]
 
+    def trained_as(self, name: str) -> str:
+        """The method whose training a network uses: the one it inherits from where only the epoch may differ."""
+        entry = self.entries[name]
+        shared = entry.inherits and self.kind(entry.inherits) is self.kind(name) and entry.options.keys() <= {"epoch"}
+        return self.trained_as(entry.inherits) if shared else name
+
     @cached_property
     def rungs(self) -> Pairs:
         """Rows of the ladder; none unless the last row's method is compared."""

@@ -24,7 +24,7 @@ def _tracks(plan: Plan, datasets: list[Dataset]) -> list[str]:
 
 
 def _trainings(plan: Plan, datasets: list[Dataset]) -> list[str]:
-    return [plan.layout.training(dataset.name, method) for dataset in datasets for method in plan.learned]
+    return [plan.layout.training(dataset.name, method) for dataset in datasets for method in plan.trained]
 
 
 def _studies(plan: Plan, datasets: list[Dataset], parameters: Iterable[str]) -> list[str]:
@@ -75,7 +75,7 @@ def _methods(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
 
 
 def _networks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
-    return {"methods": plan.run.titles(plan.learned)}
+    return {"methods": plan.run.titles(plan.trained)}
 
 
 def _constants(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
@@ -178,7 +178,7 @@ def _has_rungs(plan: Plan) -> bool:
 
 
 def _has_networks(plan: Plan) -> bool:
-    return bool(plan.learned)
+    return bool(plan.trained)
 
 
 EXHIBITS: tuple[Exhibit, ...] = (
