@@ -18,6 +18,8 @@ from modlhmp.tracks import MAX_GAP_S, Tracks
 
 VALIDATION_SHARE = 0.15
 BLOCK_S = 1800.0
+FOLDS = 5
+CONTEMPORARIES_S = 600.0  # people recorded within so long of each other may be companions
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
 
@@ -32,8 +34,7 @@ def clean_recording(path: str | Path, form: FileFormat, recording: Recording) ->
     for name, options in map(_rule, form.cleaning):
         tracks = _drop(tracks, name, RULES[name](tracks, form, **options), account)
     if recording.part:
-        other = in_validation_blocks(tracks) != (recording.part == "validation")
-        tracks = _drop(tracks, "other_part", other, account)
+        tracks = _drop(tracks, "other_part", ~in_part(tracks, recording.part), account)
     account.rows_kept = len(tracks.t)
     account.tracks_kept = len(tracks.bounds()) - 1
     if np.isnan(tracks.speed).all():
@@ -88,6 +89,24 @@ def check_rules(cleaning: Iterable[str | dict[str, dict[str, Any]]], source: obj
     """Whether every entry is a rule that exists, with the option that it takes; `DataError` that names `source`."""
     for entry in cleaning:
         _check_rule(source, entry)
+
+
+def in_part(tracks: Tracks, part: str) -> np.ndarray:
+    """Whether tracks belong to a part of their recording: `validation`, `fit`, `fold-2`, `without-2`.
+
+    `fold-2` are those that begin in every `FOLDS`th half-hour from the second on, `without-2` those of which nothing is
+    within `CONTEMPORARIES_S` of these half-hours: whose contemporaries are all in the one are not in the other.
+    """
+    kind, _, fold = part.partition("-")
+    if kind in ("fit", "validation"):
+        return in_validation_blocks(tracks) == (kind == "validation")
+    bounds = tracks.bounds()
+    first, last = tracks.t[bounds[:-1]], tracks.t[bounds[1:] - 1]
+    margin = CONTEMPORARIES_S if kind == "without" else 0.0
+    first, last = first - margin, last + margin if kind == "without" else first
+    begin, end = first // BLOCK_S, last // BLOCK_S
+    touches = begin + (int(fold) - 1 - begin) % FOLDS <= end
+    return ~touches if kind == "without" else touches
 
 
 def in_validation_blocks(tracks: Tracks, seed: int = 0) -> np.ndarray:

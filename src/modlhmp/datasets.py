@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MaxLen, MinLen
 
-from modlhmp.cleaning import are_polygons, check_rules
+from modlhmp.cleaning import FOLDS, are_polygons, check_rules
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.raw import COMPRESSED, find_recording
@@ -94,6 +94,7 @@ class Dataset(_Shown, FileFormat, Site):
     """A dataset as it is used: its recordings found, its defaults filled in."""
 
     name: str = ""
+    fold_of: str = ""  # title of the dataset that it is a fold of
     recordings: tuple[Recording, ...] = ()
     floor_plan: tuple[str, ...] = ()  # the YAML file and its image; empty where there is none
 
@@ -162,12 +163,40 @@ def validation_part(dataset: Dataset) -> Dataset:
         parts = [dataclasses.replace(one, split="test" if one.day in held else "train") for one in training]
     else:
         splits = {"fit": "train", "validation": "test"}
-        parts = [
-            dataclasses.replace(one, name=f"{one.name}-{part}", part=part, split=split)
-            for one in training
-            for part, split in splits.items()
-        ]
+        parts = [_part(one, part, split) for one in training for part, split in splits.items()]
     return dataclasses.replace(dataset, recordings=tuple(parts))
+
+
+def folds(dataset: Dataset) -> list[Dataset]:
+    """The dataset `FOLDS` times, the test recordings dealt out: each time all else but their contemporaries trains.
+
+    Test days are dealt where there are `FOLDS` or more, and all of the other days' people train. Fewer days are cut by
+    blocks of time (`cleaning.in_part`). All folds together test the dataset's own test tracks, once each.
+    """
+    days = sorted({one.day for one in dataset.of_split("test")})
+    found = []
+    for fold in range(1, FOLDS + 1):
+        if len(days) >= FOLDS:
+            out = days[fold - 1 :: FOLDS]
+            named = [one for one in dataset.recordings if one.day not in out or one.split == "test"]
+            parts = [dataclasses.replace(one, split="test" if one.day in out else "train") for one in named]
+        else:
+            there = [one for one in dataset.recordings if one.day in days]
+            parts = [one for one in dataset.recordings if one.day not in days]
+            parts += [_part(one, f"without-{fold}", "train") for one in there]
+            parts += [_part(one, f"fold-{fold}", "test") for one in there if one.split == "test"]
+        found.append(
+            dataclasses.replace(
+                dataset, name=f"{dataset.name}-{fold}", label=f"{dataset.label}-{fold}", fold_of=dataset.title,
+                title=f"{dataset.title}, fold {fold} of {FOLDS}", recordings=tuple(parts),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _part(recording: Recording, part: str, split: str) -> Recording:
+    """A part of a recording (`cleaning.in_part`) as one of its own."""
+    return dataclasses.replace(recording, name=f"{recording.name}-{part}", part=part, split=split)
 
 
 def _check_dataset(path: str | Path, file: DatasetFile, label: str) -> None:

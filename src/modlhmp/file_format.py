@@ -93,7 +93,7 @@ class Recording:
     """One recording of a dataset: where it lies, of which day and split it is.
 
     `stored` is the file on disk (`path`, or the archive that it leads into), `member` the file in an archive, `file`
-    `stored` under the data root; `part` is `fit` or `validation` where a single day is cut in two.
+    `stored` under the data root; `part` is what of it is used (`cleaning.in_part`), where it is cut.
     """
 
     day: str

@@ -7,7 +7,17 @@ from hypothesis import strategies as st
 from matplotlib.path import Path as Polygon
 
 from modlhmp.angles import circular_difference
-from modlhmp.cleaning import BLOCK_S, RULES, VALIDATION_SHARE, clean_recording, in_validation_blocks, inside_polygons
+from modlhmp.cleaning import (
+    BLOCK_S,
+    CONTEMPORARIES_S,
+    FOLDS,
+    RULES,
+    VALIDATION_SHARE,
+    clean_recording,
+    in_part,
+    in_validation_blocks,
+    inside_polygons,
+)
 from modlhmp.file_format import Columns, FileFormat, Recording
 from modlhmp.storage import DataError
 from modlhmp.time_step import backward_differences, interpolate
@@ -384,6 +394,22 @@ def test_every_clean_track_is_in_exactly_one_part(write):
         expected = whole.take(np.isin(whole.track_id, tracks.track_id))
         for one, column in zip(tracks, expected, strict=True):
             np.testing.assert_array_equal(one, column)
+
+
+@given(st.lists(st.tuples(st.floats(0, 40_000), st.floats(1, 3000)), min_size=1, max_size=30), st.integers(1, FOLDS))
+def test_a_fold_s_contemporaries_are_not_in_what_is_without_it(spans, fold):
+    """Each track is in one fold; those without it have nothing within ten minutes of its half-hours."""
+    tracks = concatenate(track(n, start + np.array([0.0, lasts])) for n, (start, lasts) in enumerate(spans))
+    inside, without = in_part(tracks, f"fold-{fold}"), in_part(tracks, f"without-{fold}")
+    for (start, lasts), is_in, is_out in zip(spans, inside, without, strict=True):
+        assert is_in == (start // BLOCK_S % FOLDS == fold - 1)
+        blocks = [block for block in range(-2, 40) if block % FOLDS == fold - 1]
+        near = any(
+            start - CONTEMPORARIES_S < (block + 1) * BLOCK_S and start + lasts + CONTEMPORARIES_S >= block * BLOCK_S
+            for block in blocks
+        )
+        assert is_out == (not near)
+    assert sum(in_part(tracks, f"fold-{one}").astype(int) for one in range(1, FOLDS + 1)).tolist() == [1] * len(spans)
 
 
 def test_without_a_part_nobody_is_left_out(write):

@@ -5,13 +5,14 @@ import copy
 import gzip
 import json
 import zipfile
+from dataclasses import replace
 
 import jsonschema
 import pytest
 import yaml
 
-from modlhmp.cleaning import RULES
-from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, load_dataset, validation_part
+from modlhmp.cleaning import FOLDS, RULES
+from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, folds, load_dataset, validation_part
 from modlhmp.file_format import Recording
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import find_recording, open_raw
@@ -138,6 +139,39 @@ def test_a_single_training_day_is_cut_in_two():
         ("4b-fit", "4b.csv", "train", "fit"),
         ("4b-validation", "4b.csv", "test", "validation"),
     ]
+
+
+def test_test_days_are_dealt_into_folds(load):
+    """Each is tested once, from all other days; who was there on a fold's days without being tested is left out."""
+    days = [f"2020-03-{day:02}" for day in range(1, 13)]
+    split = {day: "train" if day < "2020-03-03" else "test" for day in days}
+    recordings = [Recording(name=day, path="", file="", stored="", day=day, split=split[day]) for day in days]
+    recordings.append(Recording(name="others", path="", file="", stored="", day=days[4], split="train"))
+    dataset = replace(load(), recordings=tuple(recordings))
+    found = folds(dataset)
+    assert [one.name for one in found] == [f"mine-{n}" for n in range(1, FOLDS + 1)]
+    assert len({one.label for one in found}) == FOLDS
+    assert {one.fold_of for one in found} == {dataset.title}
+    tested = [recording.name for one in found for recording in one.of_split("test")]
+    assert sorted(tested) == days[2:]
+    for one in found:
+        out = {recording.day for recording in one.of_split("test")}
+        assert {recording.day for recording in one.of_split("train")} == set(days) - out
+        assert ("others" in {recording.name for recording in one.recordings}) == (days[4] not in out)
+
+
+def test_one_day_is_dealt_by_blocks_of_time():
+    """The test recordings' parts by turns; what trains is that day's people outside those blocks, and other days'."""
+    dataset = training(4, 31)
+    found = folds(dataset)
+    assert len(found) == FOLDS
+    for fold, one in enumerate(found, 1):
+        whole, parts = ([r for r in one.of_split("train") if bool(r.part) is cut] for cut in (False, True))
+        assert [r.name for r in whole] == ["4a", "4b"]
+        assert {(r.name, r.path, r.part) for r in parts} == {
+            (f"{n}-without-{fold}", f"{n}.csv", f"without-{fold}") for n in ("31a", "31b", "test")
+        }
+        assert [(r.name, r.part) for r in one.of_split("test")] == [(f"test-fold-{fold}", f"fold-{fold}")]
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -11,6 +11,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from modlhmp.cleaning import FOLDS
 from modlhmp.options import ConstantVelocity, Episodes, Learning, NeuralMap, RollOut, Snippets, Tutr
 from modlhmp.settings import as_plain, build
 from modlhmp.storage import DataError
@@ -77,7 +78,11 @@ def test_the_datasets_of_every_shipped_configuration_fit_it(shipped):
     """Labels, `tuned` options and the demo's name; no recording is needed for that."""
     for config in shipped.values():
         run = load(config)
-        assert list(load_datasets(run, DATASETS, "nowhere", "demo")) == list(run.datasets)
+        found = load_datasets(run, DATASETS, "nowhere", "demo")
+        if run.evaluate_on == "folds":
+            assert list(found) == [f"{name}-{fold}" for name in run.datasets for fold in range(1, FOLDS + 1)]
+        else:
+            assert list(found) == list(run.datasets)
 
 
 def test_the_run_as_plain_values_is_a_configuration_of_itself(shipped):

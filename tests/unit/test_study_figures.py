@@ -18,14 +18,14 @@ YARD = Dataset(name="yard", title="Yard", label="yard", reader="atc", horizon_s=
 VALUES = {"beta": [10, 0.1, 1], "sampling_radius_m": [0.5, 2]}
 
 
-def write_errors(path, error_m, steps, tracks=5):
+def write_errors(path, error_m, steps, tracks=5, recording="day"):
     """An errors file: `error_m` at the first step, one more at each, of every track and two seeds."""
     errors = np.tile(error_m + np.arange(steps, dtype=np.float32), (2 * len(PROTOCOLS) * tracks, 1))
     rows = pd.MultiIndex.from_product(
         [["single"], PROTOCOLS, range(2), range(tracks)], names=["output", "protocol", "seed", "track_id"]
     ).to_frame(index=False)
     table = pa.Table.from_pandas(
-        rows.assign(recording="day", eligible_steps=steps, alive_steps=steps), preserve_index=False
+        rows.assign(recording=recording, eligible_steps=steps, alive_steps=steps), preserve_index=False
     )
     for name in ("ade", "fde"):
         table = table.append_column(name, pa.FixedSizeListArray.from_arrays(pa.array(errors.ravel()), steps))

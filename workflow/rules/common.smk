@@ -119,6 +119,6 @@ def files_of(wanted):
     return [
         file
         for exhibit in EXHIBITS
-        if exhibit.wanted(PLAN) and wanted(exhibit)
+        if exhibit.made_in(PLAN) and wanted(exhibit)
         for file in exhibit.files(PLAN)
     ]

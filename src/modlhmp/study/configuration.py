@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from modlhmp import kinds, options
-from modlhmp.datasets import Dataset, load_dataset, validation_part
+from modlhmp.datasets import Dataset, folds, load_dataset, validation_part
 from modlhmp.settings import check, unknown
 from modlhmp.storage import DataError
 from modlhmp.study.settings import RunSettings
@@ -135,6 +135,8 @@ def load_datasets(
         _check_tuned(run, dataset, Path(folder) / f"{dataset.name}.yaml")
     if run.evaluate_on == "validation":
         return {name: validation_part(dataset) for name, dataset in found.items()}
+    if run.evaluate_on == "folds":
+        return {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
     return found
 
 

@@ -123,8 +123,11 @@ class RunSettings:
     )
     data_root: str = option("data", "folder of the recordings; the environment variable `MODLHMP_DATA` overrides it")
     datasets: Annotated[tuple[str, ...], MinLen(1)] = option(meaning="files of `config/datasets/`, without .yaml")
-    evaluate_on: Literal["test", "validation"] = option(
-        "test", "`validation`: a part of the training recordings stands in for the test recordings, which are not read"
+    evaluate_on: Literal["test", "validation", "folds"] = option(
+        "test",
+        "`validation`: a part of the training recordings stands in for the test recordings, which are not "
+        "read; `folds`: the test recordings by turns, days or blocks of time, forecast from all else but what was "
+        "recorded within ten minutes of them",
     )
     compare: Annotated[tuple[str, ...], MinLen(1)] = option(meaning="methods to run, in the order of the tables")
     methods: dict[str, MethodEntry] = option(

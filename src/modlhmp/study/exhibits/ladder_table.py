@@ -59,18 +59,18 @@ def _rungs(scored, compared, rows, above, reference, horizon, costs, titles):
     """The rungs at one horizon."""
     table = []
     for method, change in rows:
-        complete, paper = (_row(scored, protocol, horizon, method=method) for protocol in ("complete", "paper"))
+        complete, paper = (row_of(scored, protocol, horizon, method=method) for protocol in ("complete", "paper"))
         table.append(
             {
                 "what changes": change,
                 "method": titles[method],
-                "ADE / FDE [m]": _errors(complete),
+                "ADE / FDE [m]": errors_cell(complete),
                 "n": f"{complete.n:g}",
-                "ADE less the row above": _difference(compared, "complete", horizon, method, above.get(method)),
-                f"less {titles[reference]}": _difference(compared, "complete", horizon, method, reference),
-                "FDE, the same": _difference(compared, "complete", horizon, method, reference, "fde"),
+                "ADE less the row above": difference_cell(compared, "complete", horizon, method, above.get(method)),
+                f"less {titles[reference]}": difference_cell(compared, "complete", horizon, method, reference),
+                "FDE, the same": difference_cell(compared, "complete", horizon, method, reference, "fde"),
                 "ms per track": f"{costs[method]:.2g}" if np.isfinite(costs.get(method, np.nan)) else "–",
-                "paper protocol": _errors(paper),
+                "paper protocol": errors_cell(paper),
                 "paper protocol: n": f"{paper.n:g}/{paper.eligible}",
             }
         )
@@ -83,23 +83,23 @@ def _beside(scored, compared, beside, horizons, titles):
     for method, against, change in beside:
         cells = {"what changes": change, "method": titles[method], "against": titles[against]}
         for horizon in horizons:
-            one = _row(scored, "complete", horizon, method=method)
-            difference = _difference(compared, "complete", horizon, method, against)
-            cells[f"{horizon:g} s"] = f"{_errors(one)}; {difference}" if one.n else "–"
+            one = row_of(scored, "complete", horizon, method=method)
+            difference = difference_cell(compared, "complete", horizon, method, against)
+            cells[f"{horizon:g} s"] = f"{errors_cell(one)}; {difference}" if one.n else "–"
         table.append(cells)
     return pd.DataFrame(table)
 
 
-def _errors(row):
+def errors_cell(row):
     """`2.31 / 4.10`, a dash where nobody was scored."""
     return f"{row.ade_m:.2f} / {row.fde_m:.2f}" if row.n else "–"
 
 
-def _difference(compared, protocol, horizon, method, against, metric="ade"):
+def difference_cell(compared, protocol, horizon, method, against, metric="ade"):
     """`-2.31 (-2.85 to -1.73), -26 %` of a pair, a dash where there is none; one person has no interval."""
     if against is None or against == method:
         return "–"
-    one = _row(compared, protocol, horizon, method=method, against=against, metric=metric)
+    one = row_of(compared, protocol, horizon, method=method, against=against, metric=metric)
     if not one.n:
         return "–"
     interval = f" ({one.low_m:+.2f} to {one.high_m:+.2f})" if np.isfinite(one.low_m) else ""
@@ -107,7 +107,7 @@ def _difference(compared, protocol, horizon, method, against, metric="ade"):
     return f"{one.difference_m:+.2f}{interval}, {one.percent:+.0f} %{unknown}"
 
 
-def _row(table, protocol, horizon, **wanted):
+def row_of(table, protocol, horizon, **wanted):
     chosen = (table["protocol"] == protocol) & (table["horizon_s"] == horizon)
     for name, value in wanted.items():
         chosen &= table[name] == value

@@ -140,6 +140,16 @@ def _ladder_table_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     }
 
 
+def _folds_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    reference = plan.run.ladder.reference
+    return {
+        "methods": plan.titles,
+        "reference": reference if reference in plan.run.compare else plan.run.compare[0],
+        "horizons": list(plan.run.tables.horizons_s),
+        "days": {one.name: one.day for dataset in datasets for one in dataset.of_split("test")},
+    }
+
+
 # --- what they say ----------------------------------------------------------------------------------------------------
 
 
@@ -278,6 +288,22 @@ EXHIBITS: tuple[Exhibit, ...] = (
             plan.layout.encounters(dataset.name, method) for dataset in datasets for method in plan.run.compare
         ],
         asks=_methods,
+    ),
+    Exhibit(
+        name="folds",
+        form="table",
+        module=f"{MODULES}.folds_table",
+        title="folds",
+        category="Tables",
+        caption="Every test track forecast from other days, or other times of its day, than its own: the test "
+        "recordings are dealt into five folds, and maps and networks are made for each from all people but those "
+        "recorded within ten minutes of it.",
+        needs=lambda plan, datasets: [
+            plan.layout.errors(dataset.name, method) for dataset in datasets for method in plan.run.compare
+        ],
+        asks=_folds_asks,
+        of_folds=True,
+        memory_mb=1500,
     ),
     Exhibit(
         name="ladder-{label}",

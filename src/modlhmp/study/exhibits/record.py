@@ -33,6 +33,7 @@ class Exhibit:
     needs: Needs
     asks: Asks = lambda plan, datasets: {}
     wanted: Callable[[Plan], bool] = lambda plan: True
+    of_folds: bool = False  # where a run is evaluated on folds, those exhibits are made that pool them, else the others
     memory_mb: int = 1000
     minutes: int = 10
 
@@ -46,6 +47,10 @@ class Exhibit:
         """Name of its rule."""
         words = self.name.replace("{label}", "").removeprefix("tab_").replace("-", "_").split("_")
         return "_".join([self.form, *filter(None, words)])
+
+    def made_in(self, plan: Plan) -> bool:
+        """Whether a run makes it."""
+        return self.of_folds == (plan.run.evaluate_on == "folds") and self.wanted(plan)
 
     def caption_in(self, plan: Plan) -> str:
         """Its caption in a run."""

@@ -1,0 +1,83 @@
+"""Table folds: methods that never saw whom the test persons walked among, over all folds (not in the paper)."""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from modlhmp.datasets import Dataset
+from modlhmp.scoring.horizons import scored_horizons
+from modlhmp.study.exhibits.ladder_table import difference_cell, errors_cell, row_of
+from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.ladder import differences, scores
+from modlhmp.study.layout import Layout
+from modlhmp.study.summary import Errors, ErrorsByOutput, at_horizons
+
+NOTE = (
+    "Errors are ADE / FDE in m, the mean of the seeds' means over the tracks of all folds, complete protocol; then, on "
+    "the same tracks, ADE less that of {reference} with its 95 % interval (over days where there are five test days or "
+    "more, else over persons). The paper protocol is at the right. Options are those of the dataset files."
+)
+
+
+def draw(
+    layout: Layout,
+    datasets: Sequence[Dataset],
+    stem: str,
+    methods: Mapping[str, str],
+    reference: str,
+    horizons: Sequence[float],
+    days: Mapping[str, str],
+) -> None:
+    """One row per dataset and method; `methods` maps names to titles, `days` test recordings to their days."""
+    rows: list[dict[str, str]] = []
+    for title in dict.fromkeys(one.fold_of for one in datasets):
+        parts = [one for one in datasets if one.fold_of == title]
+        shown = scored_horizons(horizons, parts[0])
+        step_s = parts[0].time_step_s
+        errors = {
+            method: pooled(at_horizons(layout.errors(one.name, method), shown, step_s) for one in parts)
+            for method in methods
+        }
+        own = {name: day for name, day in days.items() if any(name == one.name for p in parts for one in p.recordings)}
+        rows += _rows(title, errors, shown, [round(s / step_s) for s in shown], own, methods, reference)
+    table = pd.DataFrame(rows).fillna("–")
+    at = sorted([name for name in table if name.endswith(" s")], key=lambda name: float(name.split()[0]))
+    last = [name for name in table if name.startswith("paper protocol")]
+    write_table(
+        table[["dataset", "method", *at, *last]], stem, "Without contemporaries, by folds",
+        any(dataset.demo for dataset in datasets), NOTE.format(reference=methods[reference]),
+    )  # fmt: skip
+
+
+def pooled(folds: Iterable[ErrorsByOutput]) -> ErrorsByOutput:
+    """The errors of all folds as those of one dataset: their tracks one after the other."""
+    listed = list(folds)
+    return {key: _joined([one[key] for one in listed if key in one]) for key in listed[0]}
+
+
+def _joined(parts: Sequence[Errors]) -> Errors:
+    """Errors of one output and protocol; tracks are axis 0 of what has no seeds, else axis 1."""
+    fields = {}
+    for name in Errors._fields:
+        values = [getattr(part, name) for part in parts]
+        axis = 1 if name in ("ade", "fde", "infeasible") else 0
+        fields[name] = None if any(value is None for value in values) else np.concatenate(values, axis=axis)
+    return Errors(**fields)
+
+
+def _rows(title, errors, horizons, steps, days, methods, reference):
+    """The rows of one dataset."""
+    scored = scores(title, errors, horizons, steps, days)
+    compared = differences(title, errors, [(method, reference) for method in errors], horizons, days)
+    rows = []
+    for method, name in methods.items():
+        cells = {"dataset": title, "method": name}
+        for horizon in horizons:
+            one = row_of(scored, "complete", horizon, method=method)
+            beside = difference_cell(compared, "complete", horizon, method, reference)
+            cells[f"{horizon:g} s"] = f"{errors_cell(one)} (n {one.n:g}); {beside}"
+        one = row_of(scored, "paper", horizons[-1], method=method)
+        cells["paper protocol, the longest horizon"] = f"{errors_cell(one)} ({one.n:g}/{one.eligible})"
+        rows.append(cells)
+    return rows
