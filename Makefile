@@ -48,9 +48,11 @@ lint: environment         ## ruff, mypy, snakefmt, snakemake --lint
 	$(BIN)/snakemake --lint
 
 results: environment     ## the real runs (MODLHMP_DATA) -> docs/numbers.json and the pages made from it
+	$(BIN)/snakemake --cores $(CORES)
 	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml
 	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/ladder.yaml
-	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/choices.yaml
+	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/folds.yaml
+	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/networks.yaml
 	$(BIN)/python -m modlhmp.study.publish
 
 settings: environment    ## schemas and the tables of config/README.md, from the typed settings

@@ -53,6 +53,18 @@ def test_a_template_gets_what_it_asks_for(numbers):
     )
 
 
+def test_a_table_of_results_has_titles_spread_and_n(numbers):
+    page = publish.render("{{ results('real', 'hall', 'paper', [5, 60]) }}", numbers)
+    assert page.splitlines() == [
+        "| method | 5 s | 60 s |",
+        "| --- | --- | --- |",
+        "| CLiFF | 1.500 ±0.03 / 2.000 (861.4 of 1,378) | 7.000 ±0.03 / 2.000 (861.4 of 1,378) |",
+        "| CVM | 2.500 ±0.03 / 4.000 (861.4 of 1,378) | 8.000 ±0.03 / 4.000 (861.4 of 1,378) |",
+    ]
+    one = publish.render("{{ results('real', 'hall', 'paper', [5], 'cvm') }}", numbers)
+    assert one.splitlines()[2:] == ["| CVM | 2.500 ±0.03 / 4.000 (861.4 of 1,378) |"]
+
+
 @pytest.mark.parametrize(
     ("asked", "message"),
     [

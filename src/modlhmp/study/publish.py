@@ -15,18 +15,23 @@ from typing import Any
 
 import pandas as pd
 from jinja2 import Environment, StrictUndefined
+from snakemake.utils import update_config
 
 from modlhmp.storage import DataError, read_parquet, write_text
+from modlhmp.study.configuration import load_run
 from modlhmp.study.exhibits.selection import main_rows
 from modlhmp.study.layout import Layout
+from modlhmp.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[3]
 NUMBERS, TEMPLATES, PAGES = ROOT / "docs/numbers.json", ROOT / "docs/templates", ROOT / "docs"
 # The runs, by name, and the configuration of each.
 RUNS = {
+    "demo": "",
     "real": "config/real.yaml",
     "ladder": "config/real.yaml config/lab/ladder.yaml",
-    "choices": "config/real.yaml config/lab/choices.yaml",
+    "folds": "config/real.yaml config/lab/folds.yaml",
+    "networks": "config/real.yaml config/lab/networks.yaml",
 }
 HORIZONS_S = (5.0, 10.0, 20.0, 30.0, 60.0)
 SCORE = ("ade_m", "fde_m", "ade_seed_sd_m", "n", "eligible", "infeasible", "truth_infeasible", "all_ade_m", "all_n")
@@ -36,6 +41,8 @@ TABLES = (
     "claims",
     "tab_models",
     "tab_uncertainty",
+    "tab_encounters",
+    "folds",
     "readings-atc",
     "readings-edin",
     "ladder-atc",
@@ -52,12 +59,24 @@ _CONSTANTS = re.compile(r"\{#\s*constants:(.*?)#\}", re.DOTALL)
 
 def command(run: str) -> str:
     """What makes a run."""
+    if not RUNS[run]:
+        return ".venv/bin/snakemake --cores 2"
     return f"MODLHMP_DATA=/path/to/recordings .venv/bin/snakemake --cores 2 --configfile {RUNS[run]}"
+
+
+def titles(run: str) -> dict[str, str]:
+    """The titles of a run's methods, compared ones first."""
+    config: dict[str, Any] = {}
+    for file in ("config/budgets.yaml", "config/config.yaml", *RUNS[run].split()):
+        update_config(config, read_yaml(ROOT / file, "a configuration"))
+    settings = load_run(config, ROOT / "config/datasets")
+    return settings.titles(dict.fromkeys([*settings.compare, *settings.methods_run]))
 
 
 def collect(runs: Iterable[str], commit: str, root: str = ".") -> dict[str, Any]:
     """The numbers of runs that have been made under `root`, as JSON data."""
-    return {"commit": commit, "runs": {run: _of_run(Layout(run, root)) | {"command": command(run)} for run in runs}}
+    made = {run: _of_run(Layout(run, root)) | {"command": command(run), "titles": titles(run)} for run in runs}
+    return {"commit": commit, "runs": made}
 
 
 def _of_run(layout: Layout) -> dict[str, Any]:
@@ -87,7 +106,7 @@ def render(template: str, numbers: Mapping[str, Any]) -> str:
     """A page of its template; `DataError` for a number that no run made."""
     page = Environment(undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True)
     asked = _Asked(numbers)
-    names = ("errors", "scored", "score", "less", "percent", "table", "command")
+    names = ("errors", "scored", "score", "less", "percent", "table", "results", "command")
     return page.from_string(template).render(commit=numbers["commit"], **{name: getattr(asked, name) for name in names})
 
 
@@ -126,6 +145,26 @@ class _Asked:
     def percent(self, *place: Any) -> str:
         """`-26 %`, as of `less`."""
         return f"{self._find('differences', *place)[DIFFERENCE.index('percent')]:+.0f} %"
+
+    def results(self, run: str, dataset: str, protocol: str, horizons: Sequence[float], *methods: str) -> str:
+        """Errors of some methods, or of all, with their SD over seeds and n, as Markdown; a column per horizon [s]."""
+        shown = methods or [name for name in self.runs[run]["titles"] if self._has(run, dataset, name)]
+        lines = [["method", *(f"{horizon:g} s" for horizon in horizons)]]
+        lines.append(["---"] * len(lines[0]))
+        for method in shown:
+            cells = [self._cell(run, dataset, protocol, horizon, method) for horizon in horizons]
+            lines.append([self.runs[run]["titles"][method], *cells])
+        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+    def _has(self, run: str, dataset: str, method: str) -> bool:
+        return any(key.startswith(f"{dataset}/") and key.endswith(f"/{method}") for key in self.runs[run]["scores"])
+
+    def _cell(self, *place: Any) -> str:
+        ade, fde, spread = (self.score(what, *place) for what in ("ade_m", "fde_m", "ade_seed_sd_m"))
+        if ade is None:
+            return f"– ({self.scored(*place)})"
+        deviation = f" ±{spread:.2f}" if spread is not None else ""
+        return f"{ade:.3f}{deviation} / {fde:.3f} ({self.scored(*place)})"
 
     def command(self, run: str) -> str:
         """What made a run."""
