@@ -61,6 +61,7 @@ def test_a_table_of_results_has_titles_spread_and_n(numbers):
         "| CLiFF | 1.500 ±0.03 / 2.000 (861.4 of 1,378) | 7.000 ±0.03 / 2.000 (861.4 of 1,378) |",
         "| CVM | 2.500 ±0.03 / 4.000 (861.4 of 1,378) | 8.000 ±0.03 / 4.000 (861.4 of 1,378) |",
     ]
+    assert publish.render("{{ walls('real', 'hall', 'paper', 5, 'cvm') }}", numbers) == "no plan"
     one = publish.render("{{ results('real', 'hall', 'paper', [5], 'cvm') }}", numbers)
     assert one.splitlines()[2:] == ["| CVM | 2.500 ±0.03 / 4.000 (861.4 of 1,378) |"]
 

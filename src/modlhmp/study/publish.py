@@ -106,7 +106,7 @@ def render(template: str, numbers: Mapping[str, Any]) -> str:
     """A page of its template; `DataError` for a number that no run made."""
     page = Environment(undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True)
     asked = _Asked(numbers)
-    names = ("errors", "scored", "score", "less", "percent", "table", "results", "command")
+    names = ("errors", "scored", "score", "walls", "less", "percent", "table", "results", "command")
     return page.from_string(template).render(commit=numbers["commit"], **{name: getattr(asked, name) for name in names})
 
 
@@ -134,6 +134,11 @@ class _Asked:
     def scored(self, *place: Any) -> str:
         """`861.4 of 883`: how many tracks were scored, of those eligible."""
         return f"{self.score('n', *place):g} of {self.score('eligible', *place):,}"
+
+    def walls(self, *place: Any) -> str:
+        """`0.9 %`: share of the forecasts that have been inside a wall."""
+        share = self.score("infeasible", *place)
+        return "no plan" if share is None else f"{100 * share:.1f} %"
 
     def less(self, *place: Any, digits: int = 2) -> str:
         """`-0.36 m (-0.55 to -0.18)` of (run, dataset, protocol, horizon, metric, method, against)."""
