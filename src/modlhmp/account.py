@@ -3,6 +3,8 @@
 from collections import Counter
 from typing import Any
 
+from modlhmp.ids import Owners
+
 
 class Account:
     """Counts of rows and tracks; `add_up` proves that none was lost."""
@@ -17,6 +19,7 @@ class Account:
         self.dropped_tracks: Counter[str] = Counter()
         self.first_seen: dict[str, str] = {}
         self.notes: Counter[str] = Counter()
+        self.owners = Owners()
 
     def drop_rows(self, reason: str, count: int, example: str | None = None) -> None:
         """Count `count` rows as dropped for `reason`; `example` is the first row's number and text."""

@@ -9,16 +9,18 @@ from typing import Any
 
 import numpy as np
 
+from modlhmp.account import Account
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.readers import read_recording
 from modlhmp.settings import unknown
 from modlhmp.storage import DataError
 from modlhmp.time_step import interpolate
-from modlhmp.tracks import MAX_GAP_S, Tracks
+from modlhmp.tracks import MAX_GAP_S, Tracks, laid_out
 
 VALIDATION_SHARE = 0.15
 BLOCK_S = 1800.0
 FOLDS = 5
+LEAST_JUMP_S = 0.4
 CONTEMPORARIES_S = 600.0  # people recorded within so long of each other may be companions
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
@@ -26,29 +28,114 @@ BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 def clean_recording(path: str | Path, form: FileFormat, recording: Recording) -> tuple[Tracks, dict[str, Any]]:
     """Read a recording, apply the cleaning rules in their order, and resample it at the time step.
 
-    Returns (Tracks at `time_step_s`, account as a dict of JSON data that adds up).
+    Returns (Tracks at `time_step_s`, account as a dict of JSON data that adds up). Where ids are no plain numbers, the
+    account's `owners` are {track id: [owner's id, which piece of that track]} (`modlhmp.ids`).
     """
-    tracks, account = read_recording(path, form, recording.day, recording.start)
+    tracks, account = read_recording(path, form, recording.day, recording.start, recording.days)
     # What each block dropped is counted; what is left belongs to tracks from here on.
     account.tracks_read += 0 if account.tracks_read else len(tracks.bounds()) - 1
-    for name, options in map(_rule, form.cleaning):
+    whole = tracks
+    drops_gaps = form.gaps == "drop" or "gap_over_5s" in form.cleaning
+    tracks = cut(tracks, None if drops_gaps else form.gap_s, form.max_jump_mps, account)
+    rules = [*form.cleaning, *(["gap_over_5s"] if drops_gaps and "gap_over_5s" not in form.cleaning else [])]
+    for name, options in map(_rule, rules):
         tracks = _drop(tracks, name, RULES[name](tracks, form, **options), account)
     if recording.part:
         tracks = _drop(tracks, "other_part", ~in_part(tracks, recording.part), account)
     account.rows_kept = len(tracks.t)
     account.tracks_kept = len(tracks.bounds()) - 1
     if np.isnan(tracks.speed).all():
+        raw = tracks
         try:
-            tracks = interpolate(tracks, form.time_step_s)
+            tracks = interpolate(raw, form.time_step_s)
         except DataError as error:
             raise DataError(f"{path}: {error}") from None
+        if not drops_gaps:
+            account.notes["interpolated_rows"] = between_rows(raw, tracks)
+        if form.min_heading_mps:
+            slow = tracks.speed < form.min_heading_mps
+            tracks = tracks._replace(heading=np.where(slow, np.nan, tracks.heading))
     account.rows_written = len(tracks.t)
     if not len(tracks.t):
         raise DataError(
             f"{path}: cleaning left no track; rows dropped: {dict(account.dropped_rows)}, "
-            f"tracks dropped: {dict(account.dropped_tracks)}; is `cleaning` too strict?"
+            f"tracks dropped: {dict(account.dropped_tracks)}; {_remedy(form, usual_step(whole), account)}"
         )
-    return tracks, account.as_dict()
+    owners = account.owners.of(tracks.track_id[tracks.bounds()[:-1]])
+    return tracks, {**account.as_dict(), **({"owners": owners} if owners else {})}
+
+
+def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Account) -> Tracks:
+    """Tracks in pieces, cut where they pause for more than `gap_s`, or go on faster than `jump_mps` (None: not there).
+
+    A displacement counts over at least `LEAST_JUMP_S`, so that a tracker's jitter is none. A piece has an id of its
+    own (`ids.id_of`), which depends on the owner's id and on how many pieces came before; cuts are counted.
+    """
+    if not (gap_s or jump_mps):
+        return tracks
+    later = np.flatnonzero(np.diff(tracks.track_id) == 0) + 1
+    seconds = tracks.t[later] - tracks.t[later - 1]
+    walked = np.hypot(tracks.x[later] - tracks.x[later - 1], tracks.y[later] - tracks.y[later - 1])
+    paused = seconds > gap_s if gap_s else np.zeros(len(later), bool)
+    jumped = walked > jump_mps * np.maximum(seconds, LEAST_JUMP_S) if jump_mps else np.zeros(len(later), bool)
+    for name, where in (("cut_at_gap", paused), ("cut_at_jump", jumped & ~paused)):
+        if where.any():
+            account.notes[name] += int(where.sum())
+            account.first_seen.setdefault(name, _place(tracks, later[np.argmax(where)], account))
+    cuts = later[paused | jumped]
+    if not len(cuts):
+        return tracks
+    starts = np.union1d(tracks.bounds()[:-1], cuts)
+    whole = np.searchsorted(tracks.bounds(), starts, side="right") - 1
+    ids, piece = np.empty(len(starts), np.int64), 0
+    for number, (row, track) in enumerate(zip(starts, whole, strict=True)):
+        piece = piece + 1 if number and track == whole[number - 1] else 1
+        owner = account.owners.text(int(tracks.track_id[row]))
+        ids[number] = account.owners.number(owner, piece) if piece > 1 else tracks.track_id[row]
+    account.tracks_read += len(cuts)
+    pieces = tracks._replace(track_id=np.repeat(ids, np.diff([*starts, len(tracks.t)])))
+    return pieces.take(np.lexsort((pieces.t, pieces.track_id)))
+
+
+def usual_step(tracks: Tracks) -> float:
+    """The median time between two rows of a track [s]; NaN where no track has two."""
+    steps = np.diff(tracks.t)[np.diff(tracks.track_id) == 0]
+    return float(np.median(steps)) if len(steps) else float("nan")
+
+
+def _remedy(form, usual, account):
+    """What may help where no track is left."""
+    if usual > form.gap_s:
+        return (
+            f"rows of a track are usually {usual:g} s apart, more than the longest gap of {form.gap_s:g} s: set "
+            f"`time_step_s: {usual:g}`"
+        )
+    if account.notes["cut_at_jump"] > len(account.dropped_tracks):
+        return "tracks were cut at every row that jumps: is the unit of length or time right (`units`, `frame_rate`)?"
+    return "is `cleaning` too strict?"
+
+
+def between_rows(raw: Tracks, grid: Tracks) -> int:
+    """How many rows of `grid` are on no row of `raw` (to 1 ms), but between two; both are of the same tracks."""
+    if not len(raw.t):
+        return 0
+    bounds = raw.bounds()
+    axis, offset, _ = laid_out(raw, np.column_stack([bounds[:-1], bounds[1:] - 1]), 10.0)
+    first = raw.t[bounds[:-1]] - offset
+    when = grid.t - np.repeat(first, np.diff(grid.bounds()))
+    after = np.clip(np.searchsorted(axis, when), 1, max(len(axis) - 1, 1))
+    nearest = np.minimum(np.abs(axis[np.minimum(after, len(axis) - 1)] - when), np.abs(axis[after - 1] - when))
+    return int((nearest > 1e-3).sum())
+
+
+def _place(tracks, row, account):
+    """Whose row it is and when, as text."""
+    owner = account.owners.text(int(tracks.track_id[row]))
+    before, after = tracks.take(slice(row - 1, row)), tracks.take(slice(row, row + 1))
+    return (
+        f"id {owner}: {before.t[0]:.3f} s at {before.x[0]:.2f}, {before.y[0]:.2f} m, then {after.t[0]:.3f} s at "
+        f"{after.x[0]:.2f}, {after.y[0]:.2f} m"
+    )
 
 
 def single_row(tracks: Tracks, form: FileFormat) -> np.ndarray:

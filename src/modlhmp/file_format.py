@@ -8,36 +8,46 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 from modlhmp.settings import Positive, WholeFrom0, WholeFrom1, option
 from modlhmp.site import check_timezone
 from modlhmp.storage import DataError
+from modlhmp.tracks import gap_limit
 
 Column = WholeFrom0 | str
 _READER_NEEDS = {
     "edinburgh": ("frame_rate", "scale"),
     "edinburgh_rows": ("frame_rate", "scale", "row_stride"),
     "delimited": ("columns",),
+    "text": ("columns",),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
-    """Units of the columns; a speed is in the length unit per second."""
+    """Units of the columns."""
 
-    time: Literal["s", "ms", "frame"] = option("s", "`frame` needs `frame_rate`")
+    time: Literal["s", "ms", "us", "ns", "frame", "iso"] = option(
+        "s", "`frame` needs `frame_rate`; `iso` is text such as 2026-03-02T09:00:00.5+01:00, local time without a zone"
+    )
     length: Literal["m", "cm", "mm", "px"] = option("m", "`px` needs `scale`")
+    speed: Literal["m/s", "cm/s", "mm/s", "km/h"] | None = option(None, "null: the length unit per second")
     angle: Literal["rad", "deg"] = option("rad", "of headings")
+    heading: Literal["from_x", "from_x_clockwise", "compass"] = option(
+        "from_x", "`from_x`: from the x-axis towards the y-axis; `compass`: from the y-axis clockwise"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Columns:
     """Which column holds what: by position from 0 or, with a header, by name."""
 
-    track_id: Column = option(meaning="whole number of the person whose row it is")
+    track_id: Column | tuple[Column, ...] = option(
+        meaning="whose row it is: any text or number; of several columns together, where one alone does not tell"
+    )
     t: Column = option(meaning="time")
     x: Column = option(meaning="position")
     y: Column = option(meaning="position")
     speed: Column | None = option(None, "speed, if recorded; then `heading` as well")
     heading: Column | None = option(None, "direction of motion, if recorded; then `speed` as well")
 
-    def given(self) -> dict[str, Column]:
+    def given(self) -> dict[str, Any]:
         """The columns that there are, by field."""
         named = {name: getattr(self, name) for name in ("track_id", "t", "x", "y", "speed", "heading")}
         return {name: column for name, column in named.items() if column is not None}
@@ -47,28 +57,66 @@ class Columns:
 class FileFormat:
     """Reader, columns, units and cleaning rules of a recording's files."""
 
-    reader: Literal["atc", "atc_1hz", "edinburgh", "edinburgh_rows", "delimited"] = option(
-        "delimited", "form of the files; `delimited` reads any CSV by `columns`, `header`, `separator` and `units`"
+    reader: Literal["atc", "atc_1hz", "edinburgh", "edinburgh_rows", "delimited", "text", "trajnet"] = option(
+        "delimited",
+        "form of the files; `delimited` reads any CSV, `text` columns between blanks with comments, both "
+        "by `columns`; `trajnet` TrajNet++'s JSON lines",
     )
     timezone: str = option("UTC", "tz database name of the place, such as Asia/Tokyo")
     time_step_s: Annotated[float, Ge(0.01), Le(60)] = option(
         1.0, "time step of the cleaned tracks and of forecasts [s]"
     )
     cleaning: tuple[str | dict[str, dict[str, Any]], ...] = option(
-        ("single_row", "gap_over_5s"), "rules of modlhmp.cleaning, applied in this order"
+        ("single_row",), "rules of modlhmp.cleaning, applied in this order"
+    )
+    gaps: Literal["split", "drop"] = option(
+        "split", "tracks with a gap: cut there, the pieces being different people, or dropped, as the paper does"
+    )
+    same_person: bool = option(False, "whether the pieces of a track that was split count as one person in tests")
+    max_gap_s: Positive | None = option(
+        None, "longest time between two rows of a track [s]; null: 5, or two time steps if these are more"
+    )
+    max_jump_mps: Positive | None = option(
+        15.0, "a faster displacement, over 0.4 s or more, is another person's: the track is cut there; null: not"
+    )
+    min_heading_mps: Annotated[float, Ge(0)] = option(
+        0.05, "recorded speeds below are standing, and have no heading [m/s]"
     )
     columns: Columns | None = option(None, "which column holds what, by position from 0 or, with a header, by name")
     header: bool = option(False, "whether the first row names the columns")
     separator: Annotated[str, MinLen(1), MaxLen(1)] = option(",", "character between columns")
+    decimal: Literal[".", ","] = option(".", "decimal mark")
+    thousands: Literal[".", ",", " ", "'"] | None = option(None, "mark between groups of three digits, if any")
+    skip_lines: WholeFrom0 = option(0, "lines before the header or the first row")
+    comment: Annotated[str, MinLen(1), MaxLen(1)] | None = option(
+        None, "lines that begin with this character are comments; `#` for reader `text`"
+    )
+    missing: dict[str, float] = option(
+        {}, "field: value; a row that has these values in all these fields was not measured, such as {x: 0, y: 0}"
+    )
+    only: dict[str, tuple[str | int, ...]] = option(
+        {}, "column: texts; rows with another text there are dropped, such as {class: [pedestrian]}"
+    )
     units: Units = field(default_factory=Units, metadata={"description": "units of the columns"})
     frame_rate: Positive | None = option(None, "frames per second")
     row_stride: WholeFrom1 | None = option(None, "raw frames between two rows of a track")
     scale: Positive | None = option(None, "metres per pixel")
+    homography: tuple[tuple[float, float, float], ...] | None = option(
+        None, "three rows of three numbers that take the file's x, y, 1 to metres (times a factor)"
+    )
+    origin_m: tuple[int, int] | None = option(
+        None, "x and y of the local origin in the file's frame [whole metres], for national grids; plans move as well"
+    )
 
     @property
     def has_velocity(self) -> bool:
         """Whether the files say how fast and which way people walk."""
         return self.reader in {"atc", "atc_1hz"} or (self.columns is not None and self.columns.speed is not None)
+
+    @property
+    def gap_s(self) -> float:
+        """The longest time between two rows of a track [s]."""
+        return self.max_gap_s or gap_limit(self.time_step_s)
 
 
 def check_format(form: FileFormat, source: object) -> None:
@@ -80,6 +128,19 @@ def check_format(form: FileFormat, source: object) -> None:
     for unit, key in (("px", "scale"), ("frame", "frame_rate")):
         if unit in {form.units.time, form.units.length} and getattr(form, key) is None:
             raise DataError(f"{source}: units in {unit!r} need the key {key!r}")
+    if form.decimal == form.separator and form.reader == "delimited":
+        raise DataError(f"{source}: decimal {form.decimal!r} is also the separator; correct one of them")
+    if form.thousands is not None and form.thousands in (form.decimal, form.separator):
+        raise DataError(
+            f"{source}: thousands {form.thousands!r} is also the decimal mark or the separator; correct one"
+        )
+    if form.homography is not None and len(form.homography) != 3:
+        raise DataError(f"{source}: homography: give three rows of three numbers")
+    if form.homography is not None and form.units.length != "m":
+        raise DataError(f"{source}: homography takes positions to metres: leave out units.length")
+    for column in form.missing:
+        if column not in ("t", "x", "y", "speed", "heading"):
+            raise DataError(f"{source}: missing: no field named {column!r}; it has t, x, y, speed, heading")
     if form.columns is not None and (form.columns.speed is None) != (form.columns.heading is None):
         raise DataError(f"{source}: columns: give both speed and heading, or neither")
     given = form.columns.given() if form.columns else {}
@@ -93,7 +154,8 @@ class Recording:
     """One recording of a dataset: where it lies, of which day and split it is.
 
     `stored` is the file on disk (`path`, or the archive that it leads into), `member` the file in an archive, `file`
-    `stored` under the data root; `part` is what of it is used (`cleaning.in_part`), where it is cut.
+    `stored` under the data root; `part` is what of it is used (`cleaning.in_part`), where it is cut; `days` is how many
+    days it is of, `day` being the first.
     """
 
     day: str
@@ -106,3 +168,4 @@ class Recording:
     file: str = ""
     exists: bool = True
     part: str | None = None
+    days: int = 1

@@ -72,8 +72,9 @@ def together(tables: Iterable[Tracks]) -> Tracks:
     shift, distinct = 0, []
     for table in tables:
         if len(table.t):
-            distinct.append(table._replace(track_id=table.track_id - table.track_id.min() + shift))
-            shift = distinct[-1].track_id.max() + 1
+            number = np.cumsum(np.isin(np.arange(len(table.t)), table.bounds()[1:-1]))
+            distinct.append(table._replace(track_id=number + shift))
+            shift = int(distinct[-1].track_id[-1]) + 1
     return concatenate(distinct)
 
 
@@ -93,6 +94,11 @@ def read_tracks(path: str | Path) -> Tracks:
         if not (pa.types.is_integer(found) or (pa.types.is_floating(found) and not whole)):
             raise DataError(f"{path}: column {name} is {found}, {'whole numbers' if whole else 'numbers'} are needed")
     return Tracks(*(column(table, name).astype(kind, copy=False) for name, kind in COLUMNS.items()))
+
+
+def gap_limit(step_s: float) -> float:
+    """The longest time between two rows of a track [s]: `MAX_GAP_S`, or two time steps if these are more."""
+    return max(MAX_GAP_S, 2 * step_s)
 
 
 def runs(first: np.ndarray, counts: np.ndarray) -> np.ndarray:

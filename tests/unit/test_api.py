@@ -75,7 +75,7 @@ def test_any_file_by_columns_and_units(write):
 
 def test_a_day_and_its_clock(write):
     path = write(CSV)
-    tracks = modlhmp.read_tracks(path, **NAMED, units={"time": "ms"}, day="2026-03-02", start="09:00")
+    tracks = modlhmp.read_tracks(path, **NAMED, units={"time": "ms", "length": "cm"}, day="2026-03-02", start="09:00")
     assert tracks.t[0] == 1772442000.0
     refused("say the `day`", modlhmp.read_tracks, path, **NAMED, start="09:00")
 

@@ -300,7 +300,7 @@ def test_backward_differences_of_steady_walking(n, direction, pace):
 
 
 def clean(write, content, part=None, **changes):
-    form = FileFormat(**{"columns": Columns(t=0, track_id=1, x=2, y=3), **changes})
+    form = FileFormat(**{"columns": Columns(t=0, track_id=1, x=2, y=3), "gaps": "drop", **changes})
     return clean_recording(write(content), form, Recording(day="1970-01-01", part=part))
 
 

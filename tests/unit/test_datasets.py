@@ -192,7 +192,8 @@ def test_a_dataset_file_gets_its_defaults(load):
     dataset = load()
     assert (dataset.name, dataset.label) == ("mine", "mine")
     assert dataset.time_step_s == 1.0
-    assert dataset.cleaning == ("single_row", "gap_over_5s")
+    assert dataset.cleaning == ("single_row",)
+    assert (dataset.gaps, dataset.gap_s, dataset.max_jump_mps) == ("split", 5.0, 15.0)
     assert dataset.figure_hours == ()
     assert load(hours=None).hours is None
     assert dataset.floor_plan == ()

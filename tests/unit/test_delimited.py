@@ -11,7 +11,10 @@ from hypothesis import strategies as st
 
 from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import Columns, FileFormat
+from modlhmp.ids import id_of
 from modlhmp.readers import atc, columns, delimited, raw, read_recording
+from modlhmp.readers.numerals import number
+from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
 from modlhmp.study import demo
 
@@ -463,3 +466,125 @@ def test_start_clock_and_day_of_a_recording(folder):
     tracks, account = read_recording(path, form, "2010-10-31", "08:00")  # winter time since 02:00
     assert tracks.t.tolist() == [1_288_512_000.0, 1_288_512_000.0 + 57_599]
     assert account.dropped_rows == {"outside_day": 1}
+
+
+# --- what strangers' files look like ------------------------------------------------------------------------
+
+BY_NAME = {"track_id": "id", "t": "t", "x": "x", "y": "y"}
+MOVING = {**BY_NAME, "speed": "v", "heading": "h"}
+
+
+def stranger(write, content, columns=None, **layout):
+    """A file as `read_recording` reads it where its dataset file says `delimited`."""
+    path = write(content)
+    return delimited.read_delimited(path, {"columns": columns or BY_NAME, "header": True, "ids": "text", **layout})
+
+
+def test_ids_of_several_columns_belong_together(write):
+    content = "id,role,t,x,y\nh1,A,0,0,0\nh1,B,0,5,5\nh1,A,1,1,0\nh1,B,1,6,5\n"
+    tracks, account = stranger(write, content, {**BY_NAME, "track_id": ["id", "role"]})
+    assert set(tracks.track_id.tolist()) == {id_of("h1/A"), id_of("h1/B")}
+    assert account.owners.text(id_of("h1/B")) == "h1/B"
+
+
+def test_rows_of_others_and_what_was_not_measured_are_left_out(write):
+    content = "id,class,t,x,y\n1,walker,0,3,4\n2,car,0,1,1\n1,walker,1,0,0\n1,walker,2,4,4\n"
+    tracks, account = stranger(write, content, only={"class": ["walker"]}, missing={"x": 0, "y": 0})
+    assert tracks.t.tolist() == [0, 2]
+    assert dict(account.dropped_rows) == {"not_class": 1, "not_measured": 1}
+
+
+def test_nobody_s_rows(write):
+    tracks, account = stranger(write, "id,t,x,y\n,0,1,1\nNaN,0,1,1\n-1,0,1,1\na,0,1,1\n")
+    assert tracks.track_id.tolist() == [id_of("a")]
+    assert dict(account.dropped_rows) == {"no_track_id": 2, "no_person": 1}
+    assert account.first_seen["no_track_id"] == "row 2: track id is empty"
+
+
+@pytest.mark.parametrize("block", [None, 40])
+def test_plain_and_other_ids_in_one_file_are_what_each_is(write, monkeypatch, block):
+    """Blocks of plain numbers are read as numbers, others as text: nobody's number depends on who shares the block."""
+    if block:
+        monkeypatch.setattr(columns, "line_blocks", lambda path: line_blocks(path, block))
+    ids = ["7"] * 6 + ["007", "x", "7", '"7"', str(2**60), "12", "+7"]
+    content = "id,t,x,y\n" + "".join(f"{one},{t},{t},0\n" for t, one in enumerate(ids))
+    tracks, _ = stranger(write, content)
+    in_time = tracks.track_id[np.argsort(tracks.t)].tolist()
+    assert in_time == [id_of(one.strip('"')) for one in ids]
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        ("1_000", None),
+        ("١", None),
+        ("1 000", None),
+        ("0x1", None),
+        ("1e3", 1000.0),
+        ("", np.nan),
+        (".5", 0.5),
+        ("1.", 1.0),
+    ],
+)
+def test_numbers_are_read_strictly(text, found):
+    np.testing.assert_equal(number(text), found)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [("1.234,5", 1234.5), ("12.34,5", None), ("1.234.567", 1234567.0), ("-1.234,0", -1234.0), ("7,5", 7.5)],
+)
+def test_thousands_stand_between_groups_of_three(text, found):
+    assert number(text, ",", ".") == found
+
+
+def test_thousands_of_a_file(write):
+    tracks, _ = stranger(write, "id;t;x;y\na;0;1.234,5;0\na;1;1.235,5;0\n", separator=";", decimal=",", thousands=".")
+    assert tracks.x.tolist() == [1234.5, 1235.5]
+
+
+@pytest.mark.parametrize(
+    ("heading", "angle"), [("from_x", 0.3), ("from_x_clockwise", -0.3), ("compass", np.pi / 2 - 0.3)]
+)
+def test_headings_are_counted_as_the_units_say(write, heading, angle):
+    content = f"id,t,x,y,v,h\n1,0,0,0,3.6,{np.rad2deg(0.3)}\n1,1,1,0,3.6,{np.rad2deg(0.3)}\n"
+    units = {"angle": "deg", "heading": heading, "speed": "km/h"}
+    tracks, _ = stranger(write, content, MOVING, units=units)
+    np.testing.assert_allclose(tracks.heading, angle)
+    np.testing.assert_allclose(tracks.speed, 1.0)
+
+
+def test_a_homography_takes_pixels_to_metres(write):
+    matrix = [[0.02, 0.0, -3.0], [0.0, -0.03, 9.0], [0.0, 0.001, 1.0]]
+    tracks, _ = stranger(write, "id,t,x,y\n1,0,100,50\n1,1,110,60\n", homography=matrix)
+    for row, (x, y) in enumerate([(100, 50), (110, 60)]):
+        u, v, w = np.array(matrix) @ [x, y, 1]
+        assert (tracks.x[row], tracks.y[row]) == pytest.approx((u / w, v / w))
+
+
+def test_a_national_grid_is_moved_to_its_origin_or_asked_about(write):
+    content = "id,t,x,y\n1,0,691000.5,5334000.25\n1,1,691001.5,5334000.25\n"
+    with pytest.raises(DataError, match=r"set `origin_m: \[691000, 5334000\]`"):
+        stranger(write, content)
+    tracks, _ = stranger(write, content, origin_m=[691000, 5334000])
+    assert (tracks.x.tolist(), tracks.y.tolist()) == ([0.5, 1.5], [0.25, 0.25])
+
+
+def test_local_times_without_zone(write):
+    content = "id,t,x,y\n1,2026-07-01 09:00:00,0,0\n1,2026-07-01T09:00:01.5,1,0\n1,never,2,0\n"
+    tracks, account = stranger(write, content, units={"time": "iso"}, timezone="Europe/Berlin")
+    assert tracks.t.tolist() == [1782889200.0, 1782889201.5]
+    assert dict(account.dropped_rows) == {"text_value": 1}
+    twice = "id,t,x,y\n1,2026-10-25 02:30:00,0,0\n"
+    with pytest.raises(DataError, match=r"exists twice.*\(\+02:00 or \+01:00\)"):
+        stranger(write, twice, units={"time": "iso"}, timezone="Europe/Berlin")
+
+
+def test_comments_and_aligned_columns(write):
+    content = "# made up\n\n  1   0\t 0.5  1.0\n# restarted\n 1   1  1.5   1.0  \n"
+    tracks, account = delimited.read_delimited(
+        write(content),
+        {"columns": {"track_id": 0, "t": 1, "x": 2, "y": 3}, "ids": "text", "separator": None, "comment": "#"},
+    )
+    assert tracks.x.tolist() == [0.5, 1.5]
+    assert dict(account.dropped_rows) == {"comment_line": 1}

@@ -60,9 +60,14 @@ def current_velocity(observed: Observed, source: str) -> tuple[np.ndarray, np.nd
         speed, heading = np.hypot(dx, dy) / dt, np.arctan2(dy, dx)
     # Sec. III-A: rho_obs and theta_obs, the latter as a mean of directions instead of angles.
     weights = observation_weights(speed.shape[1])
-    # Sums by row, not a matrix product: that one's last bit depends on how many tracks there are.
-    sine, cosine = ((weights * part(heading)).sum(axis=1) for part in (np.sin, np.cos))
-    return (weights * speed).sum(axis=1), np.arctan2(sine, cosine)
+    # Sums by row, not a matrix product: that one's last bit depends on how many tracks there are. Who stands has no
+    # heading, and a row may lack its velocity: the others count.
+    sine, cosine = ((weights * np.nan_to_num(part(heading))).sum(axis=1) for part in (np.sin, np.cos))
+    known = np.isfinite(speed)
+    mean = (weights * np.nan_to_num(speed)).sum(axis=1)
+    if not known.all():
+        mean = mean / np.maximum((weights * known).sum(axis=1), np.finfo(float).tiny)
+    return mean, np.arctan2(sine, cosine)
 
 
 def velocity_at_t0(observed: Observed, velocity: str, site: Site) -> tuple[np.ndarray, np.ndarray]:

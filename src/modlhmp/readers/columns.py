@@ -6,8 +6,9 @@ Two threads parse ahead of the caller. Every line is either returned as numbers 
 import codecs
 import csv
 import itertools
+import re
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,48 +19,67 @@ import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
 from modlhmp.kernels import kernel
+from modlhmp.readers.hints import hint
+from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
 
 THREADS = 2
+NO_ID = -(2**63)  # in the column of ids, where a row has none
 
 
 class Form(NamedTuple):
-    """Form of a file: `fields` are wanted from the columns at `positions` of `width`."""
+    """Form of a file: its columns of numbers and of text, field by field, and how its lines are written.
 
-    fields: tuple[str, ...]
-    positions: list[int]
+    `numbers` and `texts` map a field to its positions among `width` columns; a text of several columns is joined by
+    slashes. `separator` None stands for any blanks. `ids` is the position of ids that may be plain numbers, -1 where
+    there is none: they are read as text only where a block has others.
+    """
+
+    numbers: dict[str, int]
+    texts: dict[str, tuple[int, ...]]
     width: int
-    separator: str
+    separator: str | None
+    decimal: str
+    thousands: str
+    comment: str
+    ids: int
 
 
 class Parsed(NamedTuple):
-    """A block's regular lines as numbers [fields, regular lines]; the ends of all lines and which are regular."""
+    """A block's regular lines: {field: numbers or dictionaries of texts}; the ends of all lines, which are regular."""
 
-    values: np.ndarray | list[np.ndarray]
+    block: bytes
+    values: dict[str, Any]
     ends: np.ndarray
     regular: np.ndarray
 
 
-def read_columns(path: str | Path, layout: Mapping[str, Any], account: Account) -> Iterator[dict[str, np.ndarray]]:
+Converters = Mapping[str, Callable[[str], float | int | bool | None]]
+
+
+def read_columns(
+    path: str | Path, layout: Mapping[str, Any], account: Account, converters: Converters
+) -> Iterator[dict[str, np.ndarray]]:
     """Yield the columns of one block after the other as a dict of arrays; `layout` as in `delimited`.
 
     `row` is the row's number in the file, `track_id` int64, everything else float, NaN where a value is missing.
+    `converters` give what a text stands for, by field: None where it is not one of its kind.
     """
     blocks = line_blocks(path)
-    form, block, row = _look_at_start(path, layout, next(blocks))
+    form, block, row = _look_at_start(path, layout, next(blocks), frozenset(converters))
     with ThreadPoolExecutor(THREADS) as pool:
-        for text, future in _parsed_ahead(pool, form, itertools.chain([block], blocks)):
+        for future in _parsed_ahead(pool, form, itertools.chain([block], blocks)):
             parsed = future.result()
-            yield _finish(form, text, parsed, row, account)
+            yield _finish(form, parsed, row, account, converters)
             row += len(parsed.ends)
 
 
 def _parsed_ahead(pool, form, blocks):
-    """Each block and the future of its parsing, in order, a few blocks ahead of the caller."""
+    """The futures of the blocks' parsing, in order, a few blocks ahead of the caller."""
     waiting: deque[Any] = deque()
     for block in blocks:
-        waiting.append((block, pool.submit(parse, form, block)))
+        waiting.append(pool.submit(parse, form, block))
         if len(waiting) > THREADS:
             yield waiting.popleft()
     yield from waiting
@@ -67,117 +87,222 @@ def _parsed_ahead(pool, form, blocks):
 
 def parse(form: Form, block: bytes) -> Parsed:
     """Parse the regular lines of a block of whole lines; safe to run in threads."""
-    wanted = np.isin(np.arange(form.width), form.positions)
-    ends, regular = _scan(np.frombuffer(block, np.uint8), _byte_kinds(form.separator), wanted)
+    block = _with_single_blanks(block) if form.separator is None else block
+    separator = form.separator or " "
+    numbers = np.isin(np.arange(form.width), list(form.numbers.values()))
+    comment = ord(form.comment[0]) if form.comment else -1
+    kinds = _byte_kinds(separator, form)
+    data = np.frombuffer(block, np.uint8)
+    ends, regular = _scan(data, kinds, numbers, comment)
+    if not regular.any():
+        return Parsed(block, {}, ends, regular)
+    plain = form.ids >= 0 and _plain_ids(data, ends, regular, ord(separator), form.ids)
+    wanted = dict.fromkeys(form.numbers.values(), pa.float64())
+    for field, positions in form.texts.items():
+        kind = pa.float64() if field == "track_id" and plain and positions == (form.ids,) else pa.binary()
+        wanted |= dict.fromkeys(positions, kind)
     names = [str(position) for position in range(form.width)]
-    values: np.ndarray | list[np.ndarray] = np.empty((len(form.fields), 0))
-    if regular.any():
-        try:
-            table = pa_csv.read_csv(
-                pa.BufferReader(_lines(block, ends, regular)),
-                pa_csv.ReadOptions(column_names=names, use_threads=False),
-                pa_csv.ParseOptions(delimiter=form.separator),
-                pa_csv.ConvertOptions(
-                    column_types=dict.fromkeys(names, pa.float64()),
-                    include_columns=[str(position) for position in form.positions],
-                ),
-            )
-            values = [np.from_dlpack(part.fill_null(np.nan).combine_chunks()) for part in table.columns]
-        except pa.ArrowInvalid:  # made of a number's characters, but not a number, such as 1-2
-            regular[:] = False
-    return Parsed(values, ends, regular)
-
-
-def _look_at_start(path, layout, block):
-    """From the first row: the form of the file, the block without byte order mark and header, rows before it."""
-    block = block.removeprefix(codecs.BOM_UTF8)
-    separator, header = layout.get("separator", ","), layout.get("header")
-    first, _, rest = block.partition(b"\n")
-    names = _fields(first.decode("utf-8", "replace"), separator)
-    if not header and not any(_is_number(name) for name in names):
-        raise DataError(
-            f"{path}, row 1: {first.decode(errors='replace')[:80]!r} is a header where numbers are expected; "
-            "remove that line, or use `reader: delimited` with `header: true`"
+    try:
+        table = pa_csv.read_csv(
+            pa.BufferReader(_lines(block, ends, regular)),
+            pa_csv.ReadOptions(column_names=names, use_threads=False),
+            pa_csv.ParseOptions(delimiter=separator),
+            pa_csv.ConvertOptions(
+                column_types={str(position): kind for position, kind in wanted.items()},
+                include_columns=[str(position) for position in wanted],
+                strings_can_be_null=False,
+                decimal_point=form.decimal,
+            ),
         )
-    if header and all(_is_number(name) for name in names):
+    except pa.ArrowInvalid:  # made of a number's characters, but not a number, such as 1-2
+        regular[:] = False
+        return Parsed(block, {}, ends, regular)
+    values: dict[str, Any] = {field: _numbers(table.column(str(position))) for field, position in form.numbers.items()}
+    for field, positions in form.texts.items():
+        columns = [table.column(str(position)).combine_chunks() for position in positions]
+        values[field] = _numbers(table.column(str(positions[0]))) if wanted[positions[0]] == pa.float64() else columns
+    return Parsed(block, values, ends, regular)
+
+
+def _numbers(column):
+    return np.from_dlpack(column.fill_null(np.nan).combine_chunks())
+
+
+def _with_single_blanks(block):
+    """Lines whose fields are separated by runs of blanks and tabs, one blank between fields and none around them."""
+    block = re.sub(rb"[ \t]+", b" ", block)
+    return re.sub(rb"(?m)^ | (?=\r?$)", b"", block)
+
+
+def _look_at_start(path, layout, block, texts):
+    """From the first row: the form of the file, the block from that row on, rows before it."""
+    if block[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        raise DataError(f"{path}: is UTF-16 text; save it as UTF-8")
+    block = block.removeprefix(codecs.BOM_UTF8)
+    before, comment = 0, layout.get("comment") or ""
+    for _ in range(layout.get("skip_lines") or 0):
+        _, _, block = block.partition(b"\n")
+        before += 1
+    first, _, rest = block.partition(b"\n")
+    while rest and (not first.strip() or (comment and first.lstrip().startswith(comment.encode()))):
+        if not comment and not layout.get("skip_lines"):
+            break  # a blank line is counted
+        block, before = rest, before + 1
+        first, _, rest = block.partition(b"\n")
+    separator, header = layout.get("separator", ","), layout.get("header")
+    form = Form({}, {}, 0, separator, layout.get("decimal") or ".", layout.get("thousands") or "", comment, -1)
+    line = _with_single_blanks(first) if separator is None else first
+    names = _fields(line.decode("utf-8", "replace"), separator)
+    row = before + 1
+    if not header and not any(_is_number(name, form) for name in names) and not _all_text(layout, texts):
         raise DataError(
-            f"{path}, row 1: only numbers, but `header: true` says that it names the columns; drop that key"
+            f"{path}, row {row}: {first.decode(errors='replace')[:80]!r} {hint(block, layout) or _NO_HEADER}"
+        )
+    if header and all(_is_number(name, form) for name in names):
+        raise DataError(
+            f"{path}, row {row}: only numbers, but `header: true` says that it names the columns; drop that key"
         )
     if layout.get("width") and len(names) != layout["width"]:
         raise DataError(
-            f"{path}, row 1: {len(names)} columns, but this format has {layout['width']}: is `reader` right?"
+            f"{path}, row {row}: {len(names)} columns, but this format has {layout['width']}: is `reader` right?"
         )
-    positions = [_position(path, field, column, names, header) for field, column in layout["columns"].items()]
-    form = Form(tuple(layout["columns"]), positions, len(names), separator)
-    return form, rest if header else block, 1 if header else 0
+    numbers, joined = {}, {}
+    for field, column in layout["columns"].items():
+        several = column if isinstance(column, list | tuple) else [column]
+        positions = tuple(_position(path, row, field, one, names, header, block, layout) for one in several)
+        if field in texts:
+            joined[field] = positions
+        else:
+            numbers[field] = positions[0]
+    ids = joined.get("track_id", ())
+    form = form._replace(numbers=numbers, texts=joined, width=len(names), ids=ids[0] if len(ids) == 1 else -1)
+    return form, rest if header else block, before + bool(header)
 
 
-def _position(path, field, column, names, header):
+_NO_HEADER = "is a header where numbers are expected; remove that line, or use `reader: delimited` with `header: true`"
+
+
+def _all_text(layout, texts):
+    """Whether no column is one of numbers."""
+    return set(layout["columns"]) <= texts
+
+
+def _position(path, row, field, column, names, header, block, layout):
     """Position of a column that the layout gives by position or, with a header, by name."""
     if isinstance(column, int) and column < len(names):
         return column
     if header and names.count(column) > 1:
-        raise DataError(f"{path}, row 1: {names.count(column)} columns are called {column!r}; use positions")
+        raise DataError(f"{path}, row {row}: {names.count(column)} columns are called {column!r}; use positions")
     if not header or column not in names:
         known = names if header else [f"positions 0 to {len(names) - 1}"]
-        raise DataError(f"{path}, row 1: no column {column!r} for {field}; it has {', '.join(known)}")
+        advice = hint(block, layout)
+        raise DataError(
+            f"{path}, row {row}: no column {column!r} for {field}; it has {', '.join(known)}"
+            + (f"; this {advice}" if advice else "")
+        )
     return names.index(column)
 
 
-def _finish(form, block, parsed, rows_before, account):
+def _finish(form, parsed, rows_before, account, converters):
     """Columns of a block, its irregular lines read one by one, rows in the file's order."""
-    values, ends, regular = parsed
+    block, values, ends, regular = parsed
     account.rows_read += len(ends)
-    readable = regular
+    columns, faults = {}, {}
+    for field in (*form.numbers, *form.texts):
+        columns[field], faults[field] = _converted(field, values.get(field, np.empty(0)), converters)
+    readable, unread = regular, np.zeros(len(ends), bool)
     if not regular.all():
-        starts, readable = np.concatenate([[0], ends[:-1] + 1]), regular.copy()
-        every = np.empty((len(form.fields), len(ends)))
-        every[:, regular] = values
+        readable, every = regular.copy(), {}
+        for field in (*form.numbers, *form.texts):
+            every[field] = np.zeros(len(ends), np.int64 if field == "track_id" and field in form.texts else np.float64)
+            every[field][regular] = columns[field]
+        starts = np.concatenate([[0], ends[:-1] + 1])
         for line in np.flatnonzero(~regular):
-            text = block[starts[line] : ends[line]].decode("utf-8", "replace")
-            numbers = _one_row(form, text, rows_before + 1 + line, account)
-            if numbers is not None:
-                every[:, line], readable[line] = numbers, True
-        values = every[:, readable]
-    rows = rows_before + 1 + np.flatnonzero(readable)
-    return _with_track_ids({**dict(zip(form.fields, values, strict=True)), "row": rows}, account)
+            text = block[starts[line] : ends[line]].decode("utf-8", "surrogateescape")
+            found = _one_row(form, text, rows_before + 1 + line, account, converters)
+            if found is not None:
+                readable[line] = True
+                for field, value in found.items():
+                    every[field][line] = value
+        columns = {field: column[readable] for field, column in every.items()}
+    at = np.flatnonzero(readable)
+    columns["row"] = rows_before + 1 + at
+    for field, fault in faults.items():  # texts that are none of their kind, among the regular lines
+        if fault is not None:
+            unread[np.flatnonzero(regular)[fault.lines]] = True
+            if fault.lines.size:
+                row = rows_before + 1 + int(np.flatnonzero(regular)[fault.lines[0]])
+                account.drop_rows("text_value", fault.lines.size, f"row {row}: {field} {fault.example!r}")
+    if unread.any():
+        columns = {field: column[~unread[at]] for field, column in columns.items()}
+    return _belonging(columns, form, account)
 
 
-def _with_track_ids(columns, account):
-    """The rows that have a whole number as id: a row without belongs to nobody."""
+class _Fault(NamedTuple):
+    lines: np.ndarray  # among the regular ones
+    example: str
+
+
+def _converted(field, given, converters):
+    """A field's column as numbers, and where texts are none of its kind."""
+    if isinstance(given, np.ndarray):
+        return given.astype(np.int64) if field == "track_id" and field in converters else given, None
+    import pyarrow.compute as pc  # noqa: PLC0415 - it takes a tenth of a second, and few files have texts
+
+    joined = given[0] if len(given) == 1 else pc.binary_join_element_wise(*given, b"/")
+    coded = joined.dictionary_encode()
+    texts = [one.decode("utf-8", "surrogateescape").strip() for one in coded.dictionary.to_pylist()]
+    found = [converters[field](text) for text in texts]
+    kind = np.int64 if field == "track_id" else np.float64
+    missing = np.array([one is None for one in found], bool)
+    codes = coded.indices.to_numpy()
+    column = np.array([0 if one is None else one for one in found], kind)[codes] if texts else np.empty(0, kind)
+    lines = np.flatnonzero(missing[codes]) if missing.any() else np.empty(0, np.int64)
+    return column, _Fault(lines, texts[codes[lines[0]]] if lines.size else "")
+
+
+def _belonging(columns, form, account):
+    """The rows that belong to somebody: with an id, which is a whole number where a format says so."""
     ids = columns["track_id"]
-    whole = (np.abs(ids) < 2**53) & (ids == np.rint(ids))
+    whole = ids != NO_ID if "track_id" in form.texts else (np.abs(ids) < 2**53) & (ids == np.rint(ids))
     if not whole.all():
         row = np.argmin(whole)
-        account.drop_rows("no_track_id", (~whole).sum(), f"row {columns['row'][row]}: track id {ids[row]}")
+        shown = "" if "track_id" in form.texts else f" {ids[row]}"
+        account.drop_rows("no_track_id", (~whole).sum(), f"row {columns['row'][row]}: track id{shown or ' is empty'}")
         columns = {name: column[whole] for name, column in columns.items()}
     return {**columns, "track_id": columns["track_id"].astype(np.int64)}
 
 
-def _one_row(form, text, row, account):
-    """Values of one line, or None once it is counted as dropped."""
+def _one_row(form, text, row, account, converters):
+    """Values of one line by field, or None once it is counted as dropped."""
     fields, example = _fields(text, form.separator), f"row {row}: {text[:80]!r}"
     if not text.strip():
         account.drop_rows("blank_line", 1, example)
+    elif form.comment and text.lstrip().startswith(form.comment):
+        account.drop_rows("comment_line", 1, example)
     elif len(fields) != form.width:
         account.drop_rows("wrong_column_count", 1, example)
     else:
-        try:
-            return [float(fields[position] or "nan") for position in form.positions]
-        except ValueError:
-            account.drop_rows("text_value", 1, example)
+        found = {
+            field: number(fields[position], form.decimal, form.thousands) for field, position in form.numbers.items()
+        }
+        for field, positions in form.texts.items():
+            found[field] = converters[field]("/".join(fields[position] for position in positions).strip())
+        if None not in found.values():
+            return found
+        account.drop_rows("text_value", 1, example)
     return None
 
 
 def _fields(line, separator):
     """Fields of a line, quotes and blanks around them removed; a line of unbalanced quotes is one field."""
-    line = line.strip("\r")
+    line = line.strip("\r\n")
     if '"' in line:
         try:
-            return [field.strip() for field in next(csv.reader([line], delimiter=separator, strict=True))]
+            return [field.strip() for field in next(csv.reader([line], delimiter=separator or " ", strict=True))]
         except (csv.Error, StopIteration):
             return [line]
-    return [field.strip() for field in line.split(separator)]
+    return [field.strip() for field in line.split(separator or " ")]
 
 
 def _lines(block, ends, chosen):
@@ -190,49 +315,47 @@ def _lines(block, ends, chosen):
     return b"".join(block[starts[i] : ends[j - 1] + 1] for i, j in edges.reshape(-1, 2))
 
 
-def _is_number(text):
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _is_number(text, form):
+    return number(text, form.decimal, form.thousands) is not None
 
 
 # What a byte can be to `_scan`.
 _NUMBER, _POINT, _SEPARATOR, _NEWLINE, _QUOTE, _OTHER = range(6)
+_MOST_DIGITS = 15  # of a whole number that a float holds exactly
 
 
-def _byte_kinds(separator):
+def _byte_kinds(separator, form):
     kinds = np.full(256, _OTHER, np.uint8)
     kinds[list(b"0123456789+-eE\r")] = _NUMBER
-    for byte, kind in ((".", _POINT), (separator, _SEPARATOR), ("\n", _NEWLINE), ('"', _QUOTE)):
+    for byte, kind in ((form.decimal, _POINT), (separator, _SEPARATOR), ("\n", _NEWLINE), ('"', _QUOTE)):
         kinds[ord(byte)] = kind
     return kinds
 
 
 @kernel(nogil=True)
-def _scan(data, kinds, wanted):
-    """Ends of all lines, and whether each is regular: the right number of columns, plain numbers in the wanted ones.
+def _scan(data, kinds, numbers, comment):
+    """Ends of all lines, and which are regular.
 
-    A plain number is made of digits, signs, exponents and at most one point; whatever else, and a quote anywhere
-    since it may hide separators, is left to Python.
+    A line is regular that has the right number of columns, plain numbers in those of `numbers`, and does not
+    begin with the byte `comment`. A plain number is made of digits, signs, exponents and at most one point; whatever
+    else, and a quote anywhere since it may hide separators, is left to Python.
     """
     lines = 0
     for byte in data:
         lines += byte == 10
     ends, regular = np.empty(lines, np.int64), np.empty(lines, np.bool_)
-    columns = len(wanted)
+    columns = len(numbers)
     line, column, points, bad = 0, 0, 0, False
     for i in range(len(data)):
         kind = kinds[data[i]]
         if kind <= _POINT:
             points += kind
         elif kind == _OTHER:
-            bad |= column >= columns or wanted[column]
+            bad |= column >= columns or numbers[column] or (column == 0 and data[i] == comment)
         elif kind == _QUOTE:
             bad = True
         else:
-            bad |= points > 1 and (column >= columns or wanted[column])
+            bad |= points > 1 and (column >= columns or numbers[column])
             points = 0
             column += 1
             if kind == _NEWLINE:
@@ -240,3 +363,26 @@ def _scan(data, kinds, wanted):
                 regular[line] = column == columns and not bad
                 line, column, bad = line + 1, 0, False
     return ends, regular
+
+
+@kernel(nogil=True)
+def _plain_ids(data, ends, regular, separator, position):
+    """Whether the field at a position is a plain whole number, which a float holds, in all regular lines."""
+    at = 0
+    for line in range(len(ends)):
+        if regular[line]:
+            column = 0
+            while column < position:
+                column += data[at] == separator
+                at += 1
+            at += data[at] == 45
+            first, digits = at, 0
+            while 48 <= data[at] <= 57:
+                at += 1
+            digits = at - first
+            if data[at] not in (separator, 13, 10) or not 0 < digits <= _MOST_DIGITS:
+                return False
+            if data[first] == 48 and (digits > 1 or (first > 0 and data[first - 1] == 45)):
+                return False
+        at = ends[line] + 1
+    return True

@@ -5,6 +5,7 @@ once reduced to the last sample of every person and time step, so memory does no
 """
 
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,11 @@ import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.angles import wrap_angle
-from modlhmp.readers.columns import read_columns
+from modlhmp.clock import unix_time
+from modlhmp.ids import NOBODY
+from modlhmp.readers.columns import NO_ID, read_columns
+from modlhmp.readers.hints import hint
+from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import last_of_step, without_repeats
 from modlhmp.tracks import Tracks, concatenate
@@ -21,7 +26,8 @@ MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fau
 MAX_SPEED_MPS = 15.0
 MAX_HEADING_RAD = 100.0
 _LENGTH_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_SECONDS = {"s": 1.0, "ms": 0.001}
+_SPEED_MPS = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "km/h": 1 / 3.6}
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 FIELDS = ("track_id", "t", "x", "y", "speed", "heading")
 
 
@@ -31,16 +37,20 @@ def read_delimited(
     """Read a file into rows sorted by track and time.
 
     `layout` holds `columns` (field -> position from 0, or name with `header: true`), `width` (columns per row, None:
-    as the first row has), `separator`, `header`, `units` {time: s|ms|frame, length: m|cm|mm|px, angle: rad|deg},
-    `scale` [m/px], `frame_rate` [1/s], `origin` (unix time of time 0). `day` = (first, last) unix second of the
-    recording's day; rows outside are dropped. With speed and heading columns the last sample of each `step_s` is
-    kept. Returns (Tracks, Account).
+    as the first row has), `ids` (`text`: any; else whole numbers), `separator` (None: blanks), `header`, `decimal`,
+    `thousands`, `comment`, `skip_lines`, `units` (as `file_format.Units`), `missing`, `only`, `scale` [m/px],
+    `frame_rate` [1/s], `origin` (unix time of time 0), `timezone`, `homography`, `origin_m`, `min_heading_mps`. `day` =
+    (first, last) unix second of the recording's day; rows outside are dropped. With speed and heading columns the last
+    sample of each `step_s` is kept. Returns (Tracks, Account).
     """
     account, pieces, previous = Account(), [], -np.inf
     has_velocity = "speed" in layout["columns"]
-    for values in read_columns(path, layout, account):
+    only = {f"only:{column}": column for column in layout.get("only") or {}}
+    wanted = {**layout, "columns": {**layout["columns"], **only}}
+    for read in read_columns(path, wanted, account, _converters(layout, only, account)):
+        values = _wanted(read, only, layout.get("missing") or {}, account)
         rows = _to_si(values, layout)
-        rows = _drop_bad_rows(rows, values["row"], has_velocity, day, account)
+        rows = _drop_bad_rows(path, rows, values["row"], has_velocity, day, layout, account)
         latest = np.maximum.accumulate(np.concatenate([[previous], rows.t]))
         account.notes["rows_out_of_time_order"] += int(np.sum(rows.t < latest[:-1]))
         previous = latest[-1]
@@ -48,30 +58,81 @@ def read_delimited(
     rows = concatenate(pieces)
     rows = last_of_step(rows, step_s, account) if has_velocity else without_repeats(rows, account)
     if not len(rows.t):
-        raise DataError(f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
+        seen = f" (first: {next(iter(account.first_seen.values()))})" if account.first_seen else ""
+        advice = hint(next(line_blocks(path)), layout)
+        raise DataError(
+            f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}{seen}"
+            + (f"; the file {advice}" if advice else "")
+        )
     return rows, account
+
+
+def _converters(layout, only, account):
+    """What the texts of a file stand for, by field: ids, times, and whether a row is one of those that are wanted."""
+    found = {}
+    if layout.get("ids") == "text":
+        owners = account.owners
+        found["track_id"] = lambda text: NO_ID if text in NOBODY else owners.number(text)
+    if (layout.get("units") or {}).get("time") == "iso":
+        found["t"] = partial(unix_time, timezone=layout.get("timezone", "UTC"))
+    for field, column in only.items():
+        texts = {str(text) for text in layout["only"][column]}
+        found[field] = texts.__contains__
+    return found
+
+
+def _wanted(values, only, missing, account):
+    """The rows that are of those wanted, and were measured."""
+    for field, column in only.items():
+        kept = values.pop(field) > 0
+        account.drop_rows(f"not_{column}" if isinstance(column, str) else "not_wanted", (~kept).sum())
+        values = {name: part[kept] for name, part in values.items()}
+    if missing:
+        absent = np.logical_and.reduce([values[field] == value for field, value in missing.items()])
+        account.drop_rows("not_measured", absent.sum())
+        values = {name: part[~absent] for name, part in values.items()}
+    return values
 
 
 def _to_si(values, layout):
     """Raw columns to the units of the track table."""
-    units = {"time": "s", "length": "m", "angle": "rad", **layout.get("units", {})}
-    seconds = 1.0 / layout["frame_rate"] if units["time"] == "frame" else _SECONDS[units["time"]]
+    units = {"time": "s", "length": "m", "angle": "rad", **(layout.get("units") or {})}
+    x, y = values["x"], values["y"]
+    if units["time"] == "iso":
+        t = values["t"]
+    else:
+        seconds = 1.0 / layout["frame_rate"] if units["time"] == "frame" else _SECONDS[units["time"]]
+        t = values["t"] * seconds + layout.get("origin", 0.0)
     metres = layout["scale"] if units["length"] == "px" else _LENGTH_M[units["length"]]
+    if layout.get("homography"):
+        matrix = np.asarray(layout["homography"], float)
+        x, y, factor = matrix @ np.stack([x, y, np.ones(len(x))])
+        x, y = x / factor, y / factor
+    east, north = layout.get("origin_m") or (0, 0)
     unknown = np.full(len(values["t"]), np.nan)
-    heading = values.get("heading", unknown)
+    speed, heading = values.get("speed", unknown), values.get("heading", unknown)
+    heading = np.deg2rad(heading) if units["angle"] == "deg" else heading
+    if units.get("heading", "from_x") != "from_x":
+        heading = np.pi / 2 - heading if units["heading"] == "compass" else -heading
     return Tracks(
         values["track_id"],
-        values["t"] * seconds + layout.get("origin", 0.0),
-        values["x"] * metres,
-        values["y"] * metres,
-        values["speed"] * metres if "speed" in values else unknown,
-        np.deg2rad(heading) if units["angle"] == "deg" else heading,
+        t,
+        x * metres - east,
+        y * metres - north,
+        speed * (_SPEED_MPS[units["speed"]] if units.get("speed") else metres),
+        heading,
     )
 
 
-def _drop_bad_rows(rows, numbers, has_velocity, day, account):
+def _drop_bad_rows(path, rows, numbers, has_velocity, day, layout, account):
     """Drop rows that no person can have made, each under one name, the first that applies."""
-    measured = [rows.t, rows.x, rows.y] + [rows.speed, rows.heading] * has_velocity
+    slow = layout.get("min_heading_mps", 0.0)
+    if has_velocity and slow:  # who stands has no direction, whatever the file says
+        standing = (rows.speed < slow) | (np.isnan(rows.heading) & np.isnan(rows.speed))
+        rows = rows._replace(heading=np.where(standing, np.nan, rows.heading))
+    else:
+        standing = np.zeros(len(rows.t), bool)
+    measured = [rows.t, rows.x, rows.y] + [np.where(standing, 0.0, part) for part in rows[4:]] * has_velocity
     speed = np.nan_to_num(rows.speed)
     first, last = day or (-np.inf, np.inf)
     with np.errstate(invalid="ignore"):
@@ -83,6 +144,8 @@ def _drop_bad_rows(rows, numbers, has_velocity, day, account):
             | (np.abs(np.nan_to_num(rows.heading)) > MAX_HEADING_RAD),
             "outside_day": (rows.t < first) | (rows.t >= last),
         }  # fmt: skip
+    if layout.get("ids") == "text":
+        _check_frame(path, rows, layout)
     good = np.ones(len(rows.t), bool)
     for reason, failed in tests.items():
         bad = failed & good
@@ -93,3 +156,18 @@ def _drop_bad_rows(rows, numbers, has_velocity, day, account):
             good &= ~bad
     rows = rows.take(good)
     return rows._replace(heading=wrap_angle(rows.heading))
+
+
+def _check_frame(path, rows, layout):
+    """Whether most positions are near the origin; `DataError` that names the option which moves it."""
+    distance = np.hypot(rows.x, rows.y)
+    far = distance[np.isfinite(distance)] > MAX_DISTANCE_M
+    if not len(far) or far.mean() <= 0.5:
+        return
+    moved = layout.get("origin_m") or (0, 0)
+    east, north = (round(float(np.nanmedian(part)) + at, -2) for part, at in zip((rows.x, rows.y), moved, strict=True))
+    raise DataError(
+        f"{path}: {far.mean():.0%} of the first rows are more than {MAX_DISTANCE_M / 1000:g} km from the origin, such "
+        f"as x {rows.x[0]:g} m, y {rows.y[0]:g} m: for a national grid, set `origin_m: [{east:.0f}, {north:.0f}]`; "
+        "if not, correct `units: {length: ...}`"
+    )

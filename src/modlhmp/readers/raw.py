@@ -67,16 +67,19 @@ def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
 
 def line_blocks(path: str | Path, size: int = BLOCK_BYTES) -> Iterator[bytes]:
     """Yield the file as byte blocks of whole lines, about `size` bytes each; `DataError` if it is empty."""
-    rest, seen = b"", False
+    rest, seen, old = b"", False, False
     with open_raw(path) as file:
         while chunk := file.read(size):
+            if not seen:  # old Macintosh files end their lines with a carriage return alone
+                old = b"\r" in chunk and b"\n" not in chunk
             seen = True
-            cut = chunk.rfind(b"\n") + 1
+            text = chunk.replace(b"\r", b"\n") if old else chunk
+            cut = text.rfind(b"\n") + 1
             if cut:
-                yield rest + chunk[:cut]
-                rest = chunk[cut:]
+                yield rest + text[:cut]
+                rest = text[cut:]
             else:
-                rest += chunk
+                rest += text
     if not seen:
         raise DataError(f"{path}: the file is empty")
     if rest:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -90,12 +91,14 @@ def _beside(scored, compared, beside, horizons, titles):
     return pd.DataFrame(table)
 
 
-def errors_cell(row):
+def errors_cell(row: Any) -> str:
     """`2.31 / 4.10`, a dash where nobody was scored."""
     return f"{row.ade_m:.2f} / {row.fde_m:.2f}" if row.n else "–"
 
 
-def difference_cell(compared, protocol, horizon, method, against, metric="ade"):
+def difference_cell(
+    compared: pd.DataFrame, protocol: str, horizon: float, method: str, against: str | None, metric: str = "ade"
+) -> str:
     """`-2.31 (-2.85 to -1.73), -26 %` of a pair, a dash where there is none; one person has no interval."""
     if against is None or against == method:
         return "–"
@@ -107,7 +110,8 @@ def difference_cell(compared, protocol, horizon, method, against, metric="ade"):
     return f"{one.difference_m:+.2f}{interval}, {one.percent:+.0f} %{unknown}"
 
 
-def row_of(table, protocol, horizon, **wanted):
+def row_of(table: pd.DataFrame, protocol: str, horizon: float, **wanted: str) -> Any:
+    """The row of a table of `study.ladder` at a horizon [s] whose columns hold what is `wanted`."""
     chosen = (table["protocol"] == protocol) & (table["horizon_s"] == horizon)
     for name, value in wanted.items():
         chosen &= table[name] == value

@@ -41,12 +41,6 @@ def _claims(plan: Plan, datasets: list[Dataset]) -> list[str]:
     ]
 
 
-def _ladder_files(plan: Plan, datasets: list[Dataset]) -> list[str]:
-    (dataset,) = datasets
-    parts = [plan.layout.ladder(dataset.name, part) for part in ("scores", "differences")]
-    return [*parts, plan.layout.costs(dataset.name)]
-
-
 # --- what they ask for ------------------------------------------------------------------------------------------------
 
 
@@ -117,39 +111,6 @@ def _training_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     }
 
 
-def _ladder_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
-    rungs = [method for method, _ in plan.run.rungs]
-    beyond = [name for name in rungs if not plan.run.kind(name).published]
-    return {
-        "rungs": rungs,
-        "reference": plan.run.ladder.reference,
-        "titles": plan.run.titles(rungs),
-        # A network without grids does not know where it is.
-        "with_memory": [name for name in beyond if getattr(plan.run.method(name).options, "grids", True)],
-    }
-
-
-def _ladder_table_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
-    (dataset,) = datasets
-    return {
-        "rows": [list(row) for row in plan.run.rungs],
-        "reference": plan.run.ladder.reference,
-        "beside": [list(pair) for pair in plan.run.ladder.beside],
-        "titles": plan.run.titles(plan.run.ladder_methods),
-        "days": sorted({one.day for one in dataset.of_split("test")}),
-    }
-
-
-def _folds_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
-    reference = plan.run.ladder.reference
-    return {
-        "methods": plan.titles,
-        "reference": reference if reference in plan.run.compare else plan.run.compare[0],
-        "horizons": list(plan.run.tables.horizons_s),
-        "days": {one.name: one.day for dataset in datasets for one in dataset.of_split("test")},
-    }
-
-
 # --- what they say ----------------------------------------------------------------------------------------------------
 
 
@@ -170,21 +131,6 @@ def _parameter_caption(plan: Plan) -> str:
         "tracks, always the same ones. Under the paper protocol each value scores other tracks: the legend gives "
         "the lowest and highest number."
     )
-
-
-LADDER = (
-    "One change per row, from the paper's configuration to the best one, under the complete protocol: every method "
-    "forecasts every eligible track, and no method is told how long a track is. Options were chosen on a part of the "
-    "training recordings kept for validation. Intervals are 95 % intervals over persons, or over days "
-    "where there are several test days; the table adds the paired differences, the cost of a forecast, and the paper "
-    "protocol. "
-    '"Network without a map" knows only the last seconds and the compass: a map helps only where it is better than '
-    "this."
-)
-
-
-def _has_rungs(plan: Plan) -> bool:
-    return bool(plan.run.rungs)
 
 
 def _has_networks(plan: Plan) -> bool:
@@ -290,33 +236,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=_methods,
     ),
     Exhibit(
-        name="folds",
-        form="table",
-        module=f"{MODULES}.folds_table",
-        title="folds",
-        category="Tables",
-        caption="Every test track forecast from other days, or other times of its day, than its own: the test "
-        "recordings are dealt into five folds, and maps and networks are made for each from all people but those "
-        "recorded within ten minutes of it.",
-        needs=lambda plan, datasets: [
-            plan.layout.errors(dataset.name, method) for dataset in datasets for method in plan.run.compare
-        ],
-        asks=_folds_asks,
-        of_folds=True,
-        memory_mb=1500,
-    ),
-    Exhibit(
-        name="ladder-{label}",
-        form="table",
-        module=f"{MODULES}.ladder_table",
-        title="ladder",
-        category="Tables",
-        caption=LADDER,
-        needs=_ladder_files,
-        asks=_ladder_table_asks,
-        wanted=_has_rungs,
-    ),
-    Exhibit(
         name="{label}_final",
         form="figure",
         module=f"{MODULES}.horizon_errors",
@@ -354,17 +273,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_scores,
         asks=lambda plan, datasets: {"method": "tc_cliff", "title": plan.run.title("tc_cliff")},
         wanted=lambda plan: "tc_cliff" in plan.run.compare,
-    ),
-    Exhibit(
-        name="ladder",
-        form="figure",
-        module=f"{MODULES}.ladder_figure",
-        title="ladder",
-        category="Studies",
-        caption=LADDER,
-        needs=lambda plan, datasets: [plan.layout.ladder(dataset.name, "scores") for dataset in datasets],
-        asks=_ladder_asks,
-        wanted=_has_rungs,
     ),
     Exhibit(
         name="learning-curves",

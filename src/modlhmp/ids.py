@@ -1,0 +1,52 @@
+"""Ids of people: whatever text the owner of a recording uses, as whole numbers that random streams can be keyed by.
+
+A plain whole number stands for itself. Any other text - `P01`, `007`, `1_23`, a hash, a number of more than 18 digits -
+gets a number of its own that depends on the text alone, so rows that are added or shuffled change nobody's. Two texts
+that differ in any character are two people.
+"""
+
+import hashlib
+import re
+from collections.abc import Iterable, Mapping
+
+from modlhmp.storage import DataError
+
+LARGEST = 2**62  # whole numbers below stand for themselves, numbers of texts are from here to 2^63
+NOBODY = frozenset({"", "nan", "NaN", "NA", "N/A", "null", "None"})  # how tables write that there is no id
+_PLAIN = re.compile(r"-?[1-9][0-9]{0,18}|0")
+
+
+def id_of(text: str, piece: int = 1) -> int:
+    """The track id of an owner's id; of the second, third ... `piece` of a track that was cut, another one.
+
+    A plain whole number between -2^62 and 2^62 is its own id, as the first piece.
+    """
+    if piece == 1 and _PLAIN.fullmatch(text) and -LARGEST < int(text) < LARGEST:
+        return int(text)
+    whose = text if piece == 1 else f"{text}\0{piece}"
+    digest = hashlib.blake2b(whose.encode("utf-8", "surrogateescape"), digest_size=8).digest()
+    return LARGEST + int.from_bytes(digest, "big") % LARGEST
+
+
+class Owners:
+    """The owner's ids behind track ids: {track id: (owner's id, piece)} of all that are not plain numbers."""
+
+    def __init__(self, known: Mapping[int, tuple[str, int]] | None = None) -> None:
+        self.known = dict(known or {})
+
+    def number(self, text: str, piece: int = 1) -> int:
+        """The track id of an owner's id, which is remembered; `DataError` where two would share one."""
+        found = id_of(text, piece)
+        if piece > 1 or str(found) != text:
+            other = self.known.setdefault(found, (text, piece))
+            if other != (text, piece):
+                raise DataError(f"ids {other[0]!r} and {text!r} have the same number {found}: rename one of them")
+        return found
+
+    def text(self, track_id: int) -> str:
+        """The owner's id of a track."""
+        return self.known.get(track_id, (str(track_id), 1))[0]
+
+    def of(self, track_ids: Iterable[int]) -> dict[str, tuple[str, int]]:
+        """As JSON data: {track id: [owner's id, piece]} of those among `track_ids` that are no plain numbers."""
+        return {str(one): self.known[one] for one in map(int, track_ids) if one in self.known}

@@ -1,0 +1,29 @@
+"""Numbers as text, read strictly: what Python takes beyond them, such as 1_000 or other scripts' digits, is none."""
+
+import re
+
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+_SPECIAL = frozenset({"nan", "inf", "infinity"})
+
+
+def number(text: str, decimal: str = ".", thousands: str = "") -> float | None:
+    """The number that a text is, NaN for an empty one, None for any other text.
+
+    `decimal` is its decimal mark; `thousands`, where there is one, stands between groups of three digits.
+    """
+    text = text.strip(" \t\r\f\v")
+    if not text:
+        return float("nan")
+    if text.lstrip("+-").lower() in _SPECIAL:
+        return float(text)
+    if thousands and thousands in text:
+        whole, mark, rest = text.partition(decimal)
+        first, *groups = whole.lstrip("+-").split(thousands)
+        if not 1 <= len(first) <= 3 or any(len(group) != 3 for group in groups):
+            return None
+        text = whole.replace(thousands, "") + mark + rest
+    if decimal != ".":
+        if "." in text:
+            return None
+        text = text.replace(decimal, ".")
+    return float(text) if _NUMBER.fullmatch(text) else None
