@@ -13,15 +13,12 @@ from modlhmp.account import Account
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.readers import read_recording
 from modlhmp.settings import unknown
+from modlhmp.splits import in_part, in_split, only_of
 from modlhmp.storage import DataError
 from modlhmp.time_step import interpolate
 from modlhmp.tracks import MAX_GAP_S, Tracks, laid_out
 
-VALIDATION_SHARE = 0.15
-BLOCK_S = 1800.0
-FOLDS = 5
 LEAST_JUMP_S = 0.4
-CONTEMPORARIES_S = 600.0  # people recorded within so long of each other may be companions
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
 
@@ -31,6 +28,7 @@ def clean_recording(path: str | Path, form: FileFormat, recording: Recording) ->
     Returns (Tracks at `time_step_s`, account as a dict of JSON data that adds up). Where ids are no plain numbers, the
     account's `owners` are {track id: [owner's id, which piece of that track]} (`modlhmp.ids`).
     """
+    form = only_of(form, recording)
     tracks, account = read_recording(path, form, recording.day, recording.start, recording.days)
     # What each block dropped is counted; what is left belongs to tracks from here on.
     account.tracks_read += 0 if account.tracks_read else len(tracks.bounds()) - 1
@@ -40,6 +38,9 @@ def clean_recording(path: str | Path, form: FileFormat, recording: Recording) ->
     rules = [*form.cleaning, *(["gap_over_5s"] if drops_gaps and "gap_over_5s" not in form.cleaning else [])]
     for name, options in map(_rule, rules):
         tracks = _drop(tracks, name, RULES[name](tracks, form, **options), account)
+    if recording.chosen is not None:
+        owners = account.owners if form.same_person else None
+        tracks = _drop(tracks, "other_split", ~in_split(tracks, recording, owners), account)
     if recording.part:
         tracks = _drop(tracks, "other_part", ~in_part(tracks, recording.part), account)
     account.rows_kept = len(tracks.t)
@@ -61,8 +62,8 @@ def clean_recording(path: str | Path, form: FileFormat, recording: Recording) ->
             f"{path}: cleaning left no track; rows dropped: {dict(account.dropped_rows)}, "
             f"tracks dropped: {dict(account.dropped_tracks)}; {_remedy(form, usual_step(whole), account)}"
         )
-    owners = account.owners.of(tracks.track_id[tracks.bounds()[:-1]])
-    return tracks, {**account.as_dict(), **({"owners": owners} if owners else {})}
+    known = account.owners.of(tracks.track_id[tracks.bounds()[:-1]])
+    return tracks, {**account.as_dict(), **({"owners": known} if known else {})}
 
 
 def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Account) -> Tracks:
@@ -176,36 +177,6 @@ def check_rules(cleaning: Iterable[str | dict[str, dict[str, Any]]], source: obj
     """Whether every entry is a rule that exists, with the option that it takes; `DataError` that names `source`."""
     for entry in cleaning:
         _check_rule(source, entry)
-
-
-def in_part(tracks: Tracks, part: str) -> np.ndarray:
-    """Whether tracks belong to a part of their recording: `validation`, `fit`, `fold-2`, `without-2`.
-
-    `fold-2` are those that begin in every `FOLDS`th half-hour from the second on, `without-2` those of which nothing is
-    within `CONTEMPORARIES_S` of these half-hours: whose contemporaries are all in the one are not in the other.
-    """
-    kind, _, fold = part.partition("-")
-    if kind in ("fit", "validation"):
-        return in_validation_blocks(tracks) == (kind == "validation")
-    bounds = tracks.bounds()
-    first, last = tracks.t[bounds[:-1]], tracks.t[bounds[1:] - 1]
-    margin = CONTEMPORARIES_S if kind == "without" else 0.0
-    first, last = first - margin, last + margin if kind == "without" else first
-    begin, end = first // BLOCK_S, last // BLOCK_S
-    touches = begin + (int(fold) - 1 - begin) % FOLDS <= end
-    return ~touches if kind == "without" else touches
-
-
-def in_validation_blocks(tracks: Tracks, seed: int = 0) -> np.ndarray:
-    """Whether tracks belong to the validation part of their recording: those that begin in some blocks of time.
-
-    About `VALIDATION_SHARE` of the recording's half-hours with people, drawn with `seed`, at least one. Companions stay
-    together, so a forecast of the one cannot be taken from the other.
-    """
-    block = (tracks.t[tracks.bounds()[:-1]] // BLOCK_S).astype(np.int64)
-    blocks = np.unique(block)
-    number = max(round(VALIDATION_SHARE * len(blocks)), 1)
-    return np.isin(block, np.random.default_rng(seed).permutation(blocks)[:number])
 
 
 def are_polygons(value: Any) -> bool:

@@ -12,16 +12,18 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MaxLen, MinLen
 
-from modlhmp.cleaning import FOLDS, are_polygons, check_rules
-from modlhmp.file_format import FileFormat, Recording, check_format
+from modlhmp.cleaning import are_polygons, check_rules
+from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.raw import COMPRESSED, find_recording
-from modlhmp.settings import check, option
+from modlhmp.settings import WholeFrom1, check, option
 from modlhmp.site import Site, check_site
+from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
 from modlhmp.yaml_file import read_yaml
 
 VALIDATION_DAYS = 0.3
+_CLOCK = r"([01][0-9]|2[0-3]):[0-5][0-9](:[0-5][0-9])?([+-][0-9]{2}:[0-9]{2})?"
 REQUIRED = ("title", "reader", "timezone", "recordings", "horizon_s", "velocity", "citation", "terms")
 
 
@@ -30,11 +32,17 @@ class Files:
     """An entry of `recordings`: files of one day and split."""
 
     files: str = option(meaning="path or glob under `data_root`")
-    day: str = option(meaning="local date, such as 2012-10-24")
+    day: str | None = option(None, "local date, such as 2012-10-24; not where the `clock` is unknown")
     start: str | None = option(
-        None, 'local clock time of the file\'s time 0, quoted, such as "09:00"; without it times are unix seconds'
+        None,
+        'local clock time of the file\'s time 0, quoted, such as "09:00", or with its offset from UTC, "02:30+01:00"; '
+        "without it times are unix seconds",
     )
-    split: Literal["train", "test"] = option(meaning="maps are built from `train`, forecasts scored on `test`")
+    days: WholeFrom1 = option(1, "how many days it is of, `day` being the first: 2 where it goes on after midnight")
+    split: Literal["train", "test"] | Split = option(
+        meaning="maps are built from `train`, forecasts scored on `test`; or how the file's people are divided between "
+        "the two, such as {by: time, test: 0.25}"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,8 +74,10 @@ class _Shown:
         (), "hours whose maps are drawn, at most 4; none: the first, a middle and the last with a map"
     )
     areas: tuple[Area, ...] = option((), "areas that figures of forecasts mark")
-    clock: Literal["recorded", "estimated"] = option(
-        "recorded", "whether times of day are known; claims about them are not tested on estimates"
+    clock: Literal["recorded", "estimated", "unknown"] = option(
+        "recorded",
+        "whether times of day are known; claims about them are not tested on estimates, and where it is "
+        "unknown there are no maps by hours",
     )
     tuned: dict[str, dict[str, Any]] = option(
         {}, "kind or method: options that were chosen on a validation part of this dataset's training recordings"
@@ -107,13 +117,15 @@ class Dataset(_Shown, FileFormat, Site):
         return next(one for one in self.recordings if one.name == name)
 
     def days(self, split: str) -> dict[str, str]:
-        """The day of each recording of a split."""
-        return {one.name: one.day for one in self.of_split(split)}
+        """The day of each recording of a split; one of an unknown day stands for itself."""
+        return {one.name: one.day or one.name for one in self.of_split(split)}
 
     def same_day(self, name: str) -> list[str]:
         """Names of the other recordings of a recording's day: their people were there as well."""
         day = self.recording(name).day
-        return [one.name for one in self.recordings if one.day == day and one.name != name]
+        file = self.recording(name).path
+        others = [one for one in self.recordings if one.name != name]
+        return [one.name for one in others if one.path == file or (day and one.day == day)]
 
     def people(self, split: str) -> list[str]:
         """Names of a split's recordings, and of all others of their days: everyone there."""
@@ -133,7 +145,7 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
     label = file.label or name
     _check_dataset(path, file, label)
     root = demo_root if file.demo and demo_root else data_root
-    recordings = tuple(found for entry in file.recordings for found in _resolve(path, entry, root))
+    recordings = divided(path, [found for entry in file.recordings for found in _resolve(path, entry, root)])
     names = [one.name for one in recordings]
     if twice := {one for one in names if names.count(one) > 1}:
         raise DataError(f"{path}: two recordings are named {', '.join(sorted(twice))}; give the files different names")
@@ -147,6 +159,27 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
         **own, "name": name, "label": label, "recordings": recordings,
         "floor_plan": _floor_plan_files(file, root),
     })  # fmt: skip
+
+
+def divided(path: str | Path, recordings: list[Recording]) -> tuple[Recording, ...]:
+    """Recordings whose file holds both splits as one of each; whole days where that is how they are divided.
+
+    `DataError` that names `path`, the dataset file, where nothing would be left for one of the two.
+    """
+    days = sorted({one.day for one in recordings if one.chosen is not None and one.chosen.by == "day"})
+    if len(days) == 1:
+        raise DataError(f"{path}: split: {{by: day}}: there is one day only, {days[0] or 'unknown'}; divide it by time")
+    found = []
+    for one in recordings:
+        if one.chosen is None:
+            found.append(one)
+        elif one.chosen.by == "day":
+            share = one.chosen.test if isinstance(one.chosen.test, float) else 0.25
+            tested = days[-min(math.ceil(share * len(days)), len(days) - 1) :]
+            found.append(dataclasses.replace(one, chosen=None, split="test" if one.day in tested else "train"))
+        else:
+            found += [dataclasses.replace(one, name=f"{one.name}-{side}", split=side) for side in ("train", "test")]
+    return tuple(found)
 
 
 def validation_part(dataset: Dataset) -> Dataset:
@@ -223,12 +256,33 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
         raise DataError(f"{path}: velocity: as_recorded needs speed and heading columns; use velocity: differences")
     no_clock = file.reader.startswith("edinburgh") or file.units.time == "frame"
     for entry in file.recordings:
+        if isinstance(entry.split, Split):
+            _check_split(path, entry.split)
+        if file.clock == "unknown":
+            if entry.day or entry.start:
+                raise DataError(
+                    f"{path}: recordings: the `clock` is unknown, so there is no day or start: leave them out"
+                )
+            continue
+        if not entry.day:
+            raise DataError(
+                f"{path}: recordings: {entry.files}: give the `day`, such as 2012-10-24, or set `clock: unknown`"
+            )
         if no_clock and not entry.start:
             raise DataError(
                 f'{path}: the files have no clock; every entry of `recordings` needs a `start`, such as "09:00"'
             )
-        if entry.start is not None and not re.fullmatch("([01][0-9]|2[0-3]):[0-5][0-9]", entry.start):
+        if entry.start is not None and not re.fullmatch(_CLOCK, entry.start):
             raise DataError(f'{path}: recordings: start {entry.start!r} is no clock time such as "09:00"')
+
+
+def _check_split(path: str | Path, split: Split) -> None:
+    """Whether a split says all that it needs."""
+    where = f"{path}: recordings: split"
+    if split.by == "column" and (split.column is None or not isinstance(split.test, tuple)):
+        raise DataError(f"{where}: {{by: column}} needs `column`, and in `test` the texts that mean so, such as [test]")
+    if split.by != "column" and isinstance(split.test, tuple):
+        raise DataError(f"{where}: test {list(split.test)}: with `by: {split.by}` give a share, such as 0.25")
 
 
 def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ...]:
@@ -248,11 +302,11 @@ def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ..
 def _resolve(path: str | Path, entry: Files, data_root: str | Path) -> list[Recording]:
     """One `recordings` entry to the recordings it stands for."""
     try:
-        date.fromisoformat(entry.day)
+        if entry.day and not re.fullmatch(r"\d{4}-\d\d-\d\d", entry.day):
+            raise ValueError
+        date.fromisoformat(entry.day or "1970-01-01")
     except ValueError:
         raise DataError(f"{path}: day {entry.day!r} is not a date like 2012-10-24") from None
-    if not re.fullmatch(r"\d{4}-\d\d-\d\d", entry.day):
-        raise DataError(f"{path}: day {entry.day!r} is not a date like 2012-10-24")
     root, listed = Path(data_root), entry.files
     found = [find_recording(root / listed)]
     if glob.has_magic(listed):
@@ -264,8 +318,9 @@ def _resolve(path: str | Path, entry: Files, data_root: str | Path) -> list[Reco
     return [
         Recording(
             name=_stem(file or listed), path=str(file or root / listed), stored=stored, member=member,
-            file=os.path.relpath(stored, root), exists=file is not None, day=entry.day, start=entry.start,
-            split=entry.split,
+            file=os.path.relpath(stored, root), exists=file is not None, day=entry.day or "", start=entry.start,
+            split=entry.split if isinstance(entry.split, str) else "",
+            chosen=entry.split if isinstance(entry.split, Split) else None, days=entry.days,
         )
         for file in found
         for stored, member in [_stored(file or root / listed)]

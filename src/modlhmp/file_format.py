@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from annotated_types import Ge, Le, MaxLen, MinLen
+from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
 from modlhmp.settings import Positive, WholeFrom0, WholeFrom1, option
 from modlhmp.site import check_timezone
@@ -97,6 +97,7 @@ class FileFormat:
     only: dict[str, tuple[str | int, ...]] = option(
         {}, "column: texts; rows with another text there are dropped, such as {class: [pedestrian]}"
     )
+    without: dict[str, tuple[str | int, ...]] = option({}, "column: texts; rows with one of these there are dropped")
     units: Units = field(default_factory=Units, metadata={"description": "units of the columns"})
     frame_rate: Positive | None = option(None, "frames per second")
     row_stride: WholeFrom1 | None = option(None, "raw frames between two rows of a track")
@@ -150,12 +151,28 @@ def check_format(form: FileFormat, source: object) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Split:
+    """Which people of a recording are tested on, where one file holds both."""
+
+    by: Literal["person", "time", "day", "column"] = option(
+        meaning="`person`: a share of them, whenever they walk; `time`: those who come in the last part of it; "
+        "`day`: the last of several days; `column`: what the file says"
+    )
+    test: Annotated[float, Gt(0), Lt(1)] | tuple[str, ...] = option(
+        0.25, "share that is tested on; with `by: column` the texts that mean so"
+    )
+    seed: WholeFrom0 = option(0, "of the choice of persons")
+    column: Column | None = option(None, "where the file says it, by name or position")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Recording:
     """One recording of a dataset: where it lies, of which day and split it is.
 
     `stored` is the file on disk (`path`, or the archive that it leads into), `member` the file in an archive, `file`
-    `stored` under the data root; `part` is what of it is used (`cleaning.in_part`), where it is cut; `days` is how many
-    days it is of, `day` being the first.
+    `stored` under the data root. `chosen` says who of the file is tested on, None: nobody or all, as `split` says;
+    `part` is what of that is used (`cleaning.in_part`), where it is cut; `days` is how many days it is of, `day` being
+    the first.
     """
 
     day: str
@@ -167,5 +184,6 @@ class Recording:
     member: str | None = None
     file: str = ""
     exists: bool = True
+    chosen: Split | None = None
     part: str | None = None
     days: int = 1

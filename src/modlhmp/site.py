@@ -50,6 +50,14 @@ class Site:
     paper_protocol: PaperProtocol = option(PaperProtocol(), "what the paper protocol does here")
 
     @property
+    def listed_hours(self) -> list[int] | None:
+        """The clock hours of `hours`, which may go on after midnight; None where they are not given."""
+        if self.hours is None:
+            return None
+        first, end = self.hours
+        return [hour % 24 for hour in range(first, end if end > first else end + 24)]
+
+    @property
     def steps(self) -> int:
         """Time steps to the longest horizon."""
         return round(self.horizon_s / self.time_step_s)
@@ -58,7 +66,7 @@ class Site:
 def check_site(site: Site, where: str | Path) -> None:
     """Checks that types cannot say; `DataError` begins with `where`."""
     check_timezone(site.timezone, where)
-    if site.hours and site.hours[0] >= site.hours[1]:
+    if site.hours and site.hours[0] in (site.hours[1], 24):
         raise DataError(f"{where}: hours {list(site.hours)} are empty; say [first, one after the last]")
     if site.observed_rows < 2:
         raise DataError(f"{where}: observed_rows {site.observed_rows} is under 2; a velocity takes two rows")

@@ -7,18 +7,9 @@ from hypothesis import strategies as st
 from matplotlib.path import Path as Polygon
 
 from modlhmp.angles import circular_difference
-from modlhmp.cleaning import (
-    BLOCK_S,
-    CONTEMPORARIES_S,
-    FOLDS,
-    RULES,
-    VALIDATION_SHARE,
-    clean_recording,
-    in_part,
-    in_validation_blocks,
-    inside_polygons,
-)
+from modlhmp.cleaning import RULES, clean_recording, inside_polygons
 from modlhmp.file_format import Columns, FileFormat, Recording
+from modlhmp.splits import BLOCK_S, CONTEMPORARIES_S, FOLDS, VALIDATION_SHARE, in_part, in_validation_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import backward_differences, interpolate
 from modlhmp.tracks import Tracks, concatenate, empty_tracks

@@ -11,12 +11,13 @@ import jsonschema
 import pytest
 import yaml
 
-from modlhmp.cleaning import FOLDS, RULES
+from modlhmp.cleaning import RULES
 from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, folds, load_dataset, validation_part
 from modlhmp.file_format import Recording
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import find_recording, open_raw
 from modlhmp.settings import as_plain, build, json_schema
+from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
 from modlhmp.yaml_file import read_yaml
 
@@ -36,7 +37,10 @@ MINE = {
     "citation": "nobody, 2020",
     "terms": "free",
 }
-SHIPPED = ["atc", "atc_1day", "demo_forum", "demo_hall", "edinburgh", "edinburgh_25days"]
+SHIPPED = [
+    *("atc", "atc_1day", "demo_forum", "demo_hall", "edinburgh", "edinburgh_25days"),
+    *("hotel", "magni_a", "thor1"),
+]
 
 
 @pytest.fixture
@@ -321,9 +325,61 @@ def test_a_day_that_is_no_date_is_refused(load, day):
     refused(load, "day", day, "2012-10-24", recordings=recordings)
 
 
-@pytest.mark.parametrize("hours", [[9, 9], [17, 9], [24, 0]])
+@pytest.mark.parametrize("hours", [[9, 9], [24, 0], [24, 3]])
 def test_empty_hours_are_refused(load, hours):
     refused(load, f"hours {hours} are empty", "one after the last", hours=hours)
+
+
+@pytest.mark.parametrize(
+    ("hours", "listed"), [([22, 2], [22, 23, 0, 1]), ([9, 11], [9, 10]), ([0, 24], list(range(24))), ([23, 0], [23])]
+)
+def test_hours_may_go_on_after_midnight(load, hours, listed):
+    assert load(hours=hours).listed_hours == listed
+
+
+def test_a_recording_may_go_on_after_midnight(load, tmp_path):
+    (tmp_path / "data").mkdir(exist_ok=True)
+    late = {"files": "a.csv", "day": "2020-03-02", "start": "23:59", "days": 2, "split": "train"}
+    dataset = load(recordings=[late, MINE["recordings"][1]])
+    rows = "".join(f"{n},1,{n / 10},0\n" for n in range(0, 200, 10))
+    path = tmp_path / "night.csv"
+    path.write_text(rows)
+    for days, kept in ((1, 6), (2, 20)):
+        tracks, account = read_recording(path, dataset, "2020-03-02", "23:59", days)
+        assert len(tracks.t) == kept
+        assert account.dropped_rows["outside_day"] == 20 - kept
+
+
+def test_without_a_clock_there_is_no_day(load):
+    bare = [{"files": one["files"], "split": one["split"]} for one in MINE["recordings"]]
+    dataset = load(recordings=bare, clock="unknown", hours=None)
+    assert {one.day for one in dataset.recordings} == {""}
+    assert dataset.days("test") == {"b": "b"}
+    assert dataset.same_day("a") == []
+    refused(load, "the `clock` is unknown, so there is no day or start", clock="unknown")
+    refused(load, "give the `day`, such as 2012-10-24, or set `clock: unknown`", recordings=bare)
+
+
+@pytest.mark.parametrize("split", [{"by": "time"}, {"by": "person", "test": 0.5, "seed": 3}])
+def test_one_file_of_both_splits(load, split):
+    dataset = load(recordings=[{**MINE["recordings"][0], "split": split}])
+    assert [(one.name, one.split) for one in dataset.recordings] == [("a-train", "train"), ("a-test", "test")]
+    assert dataset.same_day("a-train") == ["a-test"]
+
+
+@pytest.mark.parametrize(
+    ("split", "message"),
+    [
+        ({"by": "column", "test": ["x"]}, "needs `column`"),
+        ({"by": "column", "column": "set"}, "needs `column`, and in `test` the texts"),
+        ({"by": "time", "test": ["x"]}, "give a share, such as 0.25"),
+        ({"by": "day"}, "there is one day only, 2020-03-02"),
+        ({"by": "time", "test": 1.5}, "split"),
+        ("both", "split"),
+    ],
+)
+def test_splits_that_are_none_are_refused(load, split, message):
+    refused(load, message, recordings=[{**MINE["recordings"][0], "split": split}])
 
 
 @pytest.mark.parametrize("hours", [[9], [9, 25], [-1, 3], [9, 12, 15], ["9", "late"], [8.5, 17], [True, 17], 9])

@@ -491,7 +491,7 @@ def test_rows_of_others_and_what_was_not_measured_are_left_out(write):
     content = "id,class,t,x,y\n1,walker,0,3,4\n2,car,0,1,1\n1,walker,1,0,0\n1,walker,2,4,4\n"
     tracks, account = stranger(write, content, only={"class": ["walker"]}, missing={"x": 0, "y": 0})
     assert tracks.t.tolist() == [0, 2]
-    assert dict(account.dropped_rows) == {"not_class": 1, "not_measured": 1}
+    assert dict(account.dropped_rows) == {"other_class": 1, "not_measured": 1}
 
 
 def test_nobody_s_rows(write):

@@ -11,9 +11,9 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from modlhmp.cleaning import FOLDS
 from modlhmp.options import ConstantVelocity, Episodes, Learning, NeuralMap, RollOut, Snippets, Tutr
 from modlhmp.settings import as_plain, build
+from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
 from modlhmp.study.configuration import load_datasets, load_run
 from modlhmp.study.settings import RunSettings
@@ -710,3 +710,9 @@ def test_a_run_on_a_validation_part_reads_no_test_recording(config, load_shipped
         assert kept <= {one.file for one in whole.of_split("train")}
         assert not kept & {one.file for one in whole.of_split("test")}
         assert dataset.of_split("test")
+
+
+def test_without_a_clock_there_are_no_maps_by_hours(config):
+    run = load({**config, "run": "mine", "datasets": ["hotel"]})
+    with pytest.raises(DataError, match=r"hotel\.yaml: its `clock` is unknown.*leave tc_cliff, .*stef"):
+        load_datasets(run, DATASETS, "nowhere", "demo")

@@ -107,10 +107,15 @@ rule clean_recording:
     params:
         dataset=settings_of(*CLEANING_KEYS),
         recording=lambda wildcards: {
-            key: getattr(
-                DATASETS[wildcards.dataset].recording(wildcards.recording), key
+            key: as_plain(
+                getattr(
+                    DATASETS[wildcards.dataset].recording(wildcards.recording), key
+                )
             )
-            for key in ("file", "member", "day", "start", "split", "part")
+            for key in (
+                *("file", "member", "day", "start", "days"),
+                *("split", "chosen", "part"),
+            )
         },
         sources=lambda wildcards: as_plain(DATASETS[wildcards.dataset].sources),
         sums=SUMS,

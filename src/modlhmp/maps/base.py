@@ -72,7 +72,7 @@ class HourlyMod:
 
 def hours_mapped(tracks: Tracks, site: Site) -> list[int]:
     """Clock hours that get a map: the site's, or those with rows of tracks."""
-    return list(range(*site.hours)) if site.hours else np.unique(clock_hours(tracks.t, site.timezone)).tolist()
+    return site.listed_hours or np.unique(clock_hours(tracks.t, site.timezone)).tolist()
 
 
 def hour_files(folder: str | Path) -> dict[int, Path]:

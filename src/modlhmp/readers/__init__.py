@@ -35,8 +35,10 @@ def read_recording(
     if layout is None:
         columns = form.columns.given() if form.columns else {}
         plain = as_plain(form)
-        keys = ("header", "decimal", "thousands", "skip_lines", "units", "missing", "only", "scale", "frame_rate",
-                "timezone", "homography", "origin_m", "min_heading_mps")  # fmt: skip
+        keys = (
+            *("header", "decimal", "thousands", "skip_lines", "units", "missing", "only", "without", "scale"),
+            *("frame_rate", "timezone", "homography", "origin_m", "min_heading_mps"),
+        )
         layout = {**{key: plain[key] for key in keys}, "columns": columns, "ids": "text"}
         layout["separator"] = None if form.reader == "text" else form.separator
         layout["comment"] = form.comment or ("#" if form.reader == "text" else None)

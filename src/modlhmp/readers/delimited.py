@@ -45,10 +45,11 @@ def read_delimited(
     """
     account, pieces, previous = Account(), [], -np.inf
     has_velocity = "speed" in layout["columns"]
-    only = {f"only:{column}": column for column in layout.get("only") or {}}
-    wanted = {**layout, "columns": {**layout["columns"], **only}}
-    for read in read_columns(path, wanted, account, _converters(layout, only, account)):
-        values = _wanted(read, only, layout.get("missing") or {}, account)
+    chosen = {f"{key}:{column}": (key, column) for key in ("only", "without") for column in layout.get(key) or {}}
+    positions = {field: int(column) if column.isdecimal() else column for field, (_, column) in chosen.items()}
+    wanted = {**layout, "columns": {**layout["columns"], **positions}}
+    for read in read_columns(path, wanted, account, _converters(layout, chosen, account)):
+        values = _wanted(read, chosen, layout.get("missing") or {}, account)
         rows = _to_si(values, layout)
         rows = _drop_bad_rows(path, rows, values["row"], has_velocity, day, layout, account)
         latest = np.maximum.accumulate(np.concatenate([[previous], rows.t]))
@@ -67,7 +68,7 @@ def read_delimited(
     return rows, account
 
 
-def _converters(layout, only, account):
+def _converters(layout, chosen, account):
     """What the texts of a file stand for, by field: ids, times, and whether a row is one of those that are wanted."""
     found = {}
     if layout.get("ids") == "text":
@@ -75,17 +76,21 @@ def _converters(layout, only, account):
         found["track_id"] = lambda text: NO_ID if text in NOBODY else owners.number(text)
     if (layout.get("units") or {}).get("time") == "iso":
         found["t"] = partial(unix_time, timezone=layout.get("timezone", "UTC"))
-    for field, column in only.items():
-        texts = {str(text) for text in layout["only"][column]}
-        found[field] = texts.__contains__
+    for field, (key, column) in chosen.items():
+        texts = {str(text) for text in layout[key][column]}
+        found[field] = partial(_is_kept, texts=texts, inside=key == "only")
     return found
 
 
-def _wanted(values, only, missing, account):
+def _is_kept(text, texts, inside):
+    return (text in texts) == inside
+
+
+def _wanted(values, chosen, missing, account):
     """The rows that are of those wanted, and were measured."""
-    for field, column in only.items():
+    for field, (key, column) in chosen.items():
         kept = values.pop(field) > 0
-        account.drop_rows(f"not_{column}" if isinstance(column, str) else "not_wanted", (~kept).sum())
+        account.drop_rows(f"other_{column}" if key == "only" else f"these_{column}", (~kept).sum())
         values = {name: part[kept] for name, part in values.items()}
     if missing:
         absent = np.logical_and.reduce([values[field] == value for field, value in missing.items()])

@@ -133,6 +133,12 @@ def load_datasets(
         raise DataError("configuration, run: `demo` is for the demo's recordings; give your run another name")
     for dataset in found.values():
         _check_tuned(run, dataset, Path(folder) / f"{dataset.name}.yaml")
+        hourly = [name for name in run.methods_run if run.kind(name).hourly]
+        if dataset.clock == "unknown" and hourly:
+            raise DataError(
+                f"{Path(folder) / dataset.name}.yaml: its `clock` is unknown, so there are no maps by hours: leave "
+                f"{', '.join(hourly)} out of `compare` and the ladder"
+            )
     if run.evaluate_on == "validation":
         return {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":

@@ -1,10 +1,12 @@
 """What a run consists of, as rules and exhibits ask for it: its settings, its datasets, and where everything lies."""
 
+import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 from modlhmp.datasets import Dataset
+from modlhmp.file_format import FileFormat
 from modlhmp.methods import Method
 from modlhmp.settings import as_plain
 from modlhmp.study.claims import claimed_pairs
@@ -12,10 +14,7 @@ from modlhmp.study.layout import Layout
 from modlhmp.study.settings import RunSettings
 
 # The settings of a dataset that decide a stage's result; the others only affect names and drawings.
-CLEANING_KEYS = (
-    *("reader", "timezone", "time_step_s", "cleaning", "frame_rate", "row_stride", "scale"),
-    *("columns", "header", "separator", "units"),
-)
+CLEANING_KEYS = tuple(field.name for field in dataclasses.fields(FileFormat))
 FORECAST_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity", "difference_weights")
 SCORE_KEYS = (*FORECAST_KEYS, "paper_protocol")
 SITE_KEYS = (*SCORE_KEYS, "hours")  # of the `Site` that a map carries

@@ -15,7 +15,7 @@ COLUMNS_OF_PANELS = 5
 
 def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
     """Panels of one location: its components in every hour's map, and in the whole day's."""
-    hours = range(*dataset.hours) if dataset.hours else list(hour_files(layout.map(dataset.name, "tc_cliff")))
+    hours = dataset.listed_hours or list(hour_files(layout.map(dataset.name, "tc_cliff")))
     by_hour = {hour: read_components(layout, dataset, hour) for hour in hours}
     day = read_parquet(layout.map(dataset.name, "cliff")).to_pandas()
     place = busy_location(by_hour, day)

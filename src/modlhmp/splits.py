@@ -1,0 +1,77 @@
+"""Who of a recording is of which split: by person, by time or by what the file says; and parts of a split."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from modlhmp.file_format import FileFormat, Recording
+from modlhmp.ids import Owners, id_of
+from modlhmp.streams import stream_keys
+from modlhmp.tracks import Tracks
+
+VALIDATION_SHARE = 0.15
+BLOCK_S = 1800.0
+FOLDS = 5
+CONTEMPORARIES_S = 600.0  # people recorded within so long of each other may be companions
+
+
+def only_of(form: FileFormat, recording: Recording) -> FileFormat:
+    """The form that reads the rows of a recording's split alone, where a column of the file says which is which."""
+    chosen = recording.chosen
+    if chosen is None or chosen.by != "column" or chosen.column is None or not isinstance(chosen.test, tuple):
+        return form
+    key, texts = str(chosen.column), tuple(chosen.test)
+    if recording.split == "test":
+        return replace(form, only={**form.only, key: texts})
+    return replace(form, without={**form.without, key: texts})
+
+
+def in_split(tracks: Tracks, recording: Recording, owners: Owners | None = None) -> np.ndarray:
+    """Whether tracks are of the recording's split, which takes a share of them by person or by time.
+
+    By person the choice depends on the seed and each person's own id, so nobody's changes with others; `owners` are
+    given where the pieces of a track are one person. By time those are tested who come after a moment, and those train
+    who have left by then: who is there at that moment is in neither.
+    """
+    bounds, chosen = tracks.bounds(), recording.chosen
+    if chosen is None or not isinstance(chosen.test, float) or len(bounds) == 1:
+        return np.ones(len(bounds) - 1, bool)
+    first, last = tracks.t[bounds[:-1]], tracks.t[bounds[1:] - 1]
+    if chosen.by == "time":
+        moment = first.min() + (1 - chosen.test) * (last.max() - first.min())
+        return first > moment if recording.split == "test" else last <= moment
+    ids = tracks.track_id[bounds[:-1]]
+    if owners is not None:
+        ids = np.array([id_of(owners.text(int(one))) for one in ids], np.int64)
+    share = stream_keys(ids, 1, "split", chosen.seed)[:, 0].astype(np.float64) / 2.0**64
+    return (share < chosen.test) == (recording.split == "test")
+
+
+def in_part(tracks: Tracks, part: str) -> np.ndarray:
+    """Whether tracks belong to a part of their recording: `validation`, `fit`, `fold-2`, `without-2`.
+
+    `fold-2` are those that begin in every `FOLDS`th half-hour from the second on, `without-2` those of which nothing is
+    within `CONTEMPORARIES_S` of these half-hours: whose contemporaries are all in the one are not in the other.
+    """
+    kind, _, fold = part.partition("-")
+    if kind in ("fit", "validation"):
+        return in_validation_blocks(tracks) == (kind == "validation")
+    bounds = tracks.bounds()
+    first, last = tracks.t[bounds[:-1]], tracks.t[bounds[1:] - 1]
+    margin = CONTEMPORARIES_S if kind == "without" else 0.0
+    first, last = first - margin, last + margin if kind == "without" else first
+    begin, end = first // BLOCK_S, last // BLOCK_S
+    touches = begin + (int(fold) - 1 - begin) % FOLDS <= end
+    return ~touches if kind == "without" else touches
+
+
+def in_validation_blocks(tracks: Tracks, seed: int = 0) -> np.ndarray:
+    """Whether tracks belong to the validation part of their recording: those that begin in some blocks of time.
+
+    About `VALIDATION_SHARE` of the recording's half-hours with people, drawn with `seed`, at least one. Companions stay
+    together, so a forecast of the one cannot be taken from the other.
+    """
+    block = (tracks.t[tracks.bounds()[:-1]] // BLOCK_S).astype(np.int64)
+    blocks = np.unique(block)
+    number = max(round(VALIDATION_SHARE * len(blocks)), 1)
+    return np.isin(block, np.random.default_rng(seed).permutation(blocks)[:number])

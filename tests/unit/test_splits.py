@@ -1,0 +1,89 @@
+"""How people of one file are divided between training and test."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_cleaning import track
+
+from modlhmp.cleaning import clean_recording
+from modlhmp.datasets import divided
+from modlhmp.file_format import Columns, FileFormat, Recording, Split
+from modlhmp.ids import Owners
+from modlhmp.splits import in_split
+from modlhmp.storage import DataError
+from modlhmp.tracks import concatenate
+
+TRAIN, TEST = (Recording(day="", split=side) for side in ("train", "test"))
+
+
+def sides(tracks, chosen, owners=None):
+    return [in_split(tracks, replace(side, chosen=chosen), owners) for side in (TRAIN, TEST)]
+
+
+@given(st.sets(st.integers(0, 10_000), min_size=1, max_size=60), st.sampled_from([0.1, 0.25, 0.5]), st.integers(0, 3))
+def test_by_person_each_is_on_one_side_whoever_else_is_there(ids, share, seed):
+    chosen = Split(by="person", test=share, seed=seed)
+    people = {one: track(one, [0.0, 1.0]) for one in sorted(ids)}
+    train, test = sides(concatenate(people.values()), chosen)
+    np.testing.assert_array_equal(train, ~test)
+    alone = [sides(people[one], chosen)[1][0] for one in people]
+    assert alone == test.tolist()
+
+
+def test_by_person_the_share_is_about_what_is_asked_for_and_the_seed_chooses():
+    people = concatenate(track(one, [0.0, 1.0]) for one in range(4000))
+    first, second = (sides(people, Split(by="person", test=0.25, seed=seed))[1] for seed in (0, 1))
+    assert first.mean() == pytest.approx(0.25, abs=0.03)
+    assert second.mean() == pytest.approx(0.25, abs=0.03)
+    assert (first != second).mean() > 0.3
+
+
+def test_pieces_are_different_people_unless_they_are_said_to_be_one():
+    owners = Owners()
+    ids = np.array([[owners.number(f"p{n}", piece) for piece in (1, 2, 3)] for n in range(60)])
+    people = concatenate(track(one, [0.0, 1.0]) for one in ids.ravel())
+    apart, together = (sides(people, Split(by="person"), known)[1].reshape(60, 3) for known in (None, owners))
+    assert (together == together[:, :1]).all()
+    assert not (apart == apart[:, :1]).all()
+
+
+@given(st.lists(st.tuples(st.floats(0, 1000), st.floats(1, 200)), min_size=2, max_size=40), st.sampled_from([0.2, 0.5]))
+def test_by_time_no_trained_person_is_there_with_a_tested_one(spans, share):
+    people = concatenate(track(n, [start, start + lasts]) for n, (start, lasts) in enumerate(spans))
+    train, test = sides(people, Split(by="time", test=share))
+    assert not (train & test).any()
+    ends = [start + lasts for start, lasts in spans]
+    if train.any() and test.any():
+        assert max(np.array(ends)[train]) < min(start for (start, _), one in zip(spans, test, strict=True) if one)
+
+
+def test_by_what_the_file_says(write):
+    content = "id,set,t,x,y\n" + "".join(f"{n},{'ab'[n % 2]},{t},{t},{n}\n" for n in range(6) for t in range(5))
+    form = FileFormat(columns=Columns(track_id="id", t="t", x="x", y="y"), header=True)
+    chosen = Split(by="column", column="set", test=("b",))
+    path, found = write(content), {}
+    for side in ("train", "test"):
+        tracks, account = clean_recording(path, form, Recording(day="", split=side, chosen=chosen))
+        found[side] = set(tracks.track_id.tolist())
+        assert account["rows"]["read"] == 30
+    assert found == {"train": {0, 2, 4}, "test": {1, 3, 5}}
+
+
+def test_a_divided_file_is_a_recording_of_each_split():
+    one, other = Recording(day="", name="hall", chosen=Split(by="time")), Recording(day="", name="plain", split="test")
+    found = divided("d.yaml", [one, other])
+    assert [(part.name, part.split) for part in found] == [
+        ("hall-train", "train"),
+        ("hall-test", "test"),
+        ("plain", "test"),
+    ]
+
+
+def test_whole_days_are_divided(write):
+    days = [Recording(day=f"2030-01-{n:02}", name=str(n), chosen=Split(by="day", test=0.3)) for n in range(1, 6)]
+    assert [one.split for one in divided("d.yaml", days)] == ["train"] * 3 + ["test"] * 2
+    with pytest.raises(DataError, match=r"d\.yaml: split: \{by: day\}: there is one day only, 2030-01-01"):
+        divided("d.yaml", days[:1])
