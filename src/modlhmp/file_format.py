@@ -57,10 +57,13 @@ class Columns:
 class FileFormat:
     """Reader, columns, units and cleaning rules of a recording's files."""
 
-    reader: Literal["atc", "atc_1hz", "edinburgh", "edinburgh_rows", "delimited", "text", "trajnet"] = option(
+    reader: Literal[
+        "atc", "atc_1hz", "edinburgh", "edinburgh_rows", "delimited", "text", "trajnet", "magni", "jupedsim", "hdf5"
+    ] = option(
         "delimited",
         "form of the files; `delimited` reads any CSV, `text` columns between blanks with comments, both "
-        "by `columns`; `trajnet` TrajNet++'s JSON lines",
+        "by `columns`; `trajnet` TrajNet++'s JSON lines, `magni` THOR-MAGNI's scenario files, `jupedsim` its SQLite, "
+        "`hdf5` those of the Pedestrian Dynamics Data Archive",
     )
     timezone: str = option("UTC", "tz database name of the place, such as Asia/Tokyo")
     time_step_s: Annotated[float, Ge(0.01), Le(60)] = option(

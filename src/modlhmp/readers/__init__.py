@@ -8,11 +8,13 @@ from typing import Any, cast
 from modlhmp.account import Account
 from modlhmp.clock import local_time, midnight
 from modlhmp.file_format import FileFormat
-from modlhmp.readers import atc, edinburgh, trajnet
+from modlhmp.readers import atc, edinburgh, jupedsim, magni, trajnet
 from modlhmp.readers.delimited import read_delimited
 from modlhmp.settings import as_plain
 from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks
+
+_WHOLE = {"magni": magni.read, "jupedsim": jupedsim.read_sqlite, "hdf5": jupedsim.read_hdf5}
 
 
 def read_recording(
@@ -31,6 +33,8 @@ def read_recording(
         return edinburgh.read_rows(path, frame_rate, row_stride, scale, origin, limits)
     if form.reader == "trajnet":
         return trajnet.read(path, frame_rate, origin, limits)
+    if form.reader in _WHOLE:
+        return _WHOLE[form.reader](path, origin, limits)
     layout = {"atc": atc.RAW_LAYOUT, "atc_1hz": atc.ONE_HZ_LAYOUT}.get(form.reader)
     if layout is None:
         columns = form.columns.given() if form.columns else {}

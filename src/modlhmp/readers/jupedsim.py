@@ -1,0 +1,58 @@
+"""JuPedSim's SQLite trajectories, and the HDF5 files of the Pedestrian Dynamics Data Archive."""
+
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from modlhmp.account import Account
+from modlhmp.storage import DataError
+from modlhmp.time_step import without_repeats
+from modlhmp.tracks import Tracks
+
+
+def read_sqlite(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
+    """Read a JuPedSim file into rows sorted by track and time; positions in m, headings unknown."""
+    try:
+        with sqlite3.connect(f"{Path(path).resolve().as_uri()}?mode=ro", uri=True) as file:
+            rows = np.array(file.execute("SELECT id, frame, pos_x, pos_y FROM trajectory_data").fetchall(), float)
+            found = file.execute("SELECT value FROM metadata WHERE key = 'fps'").fetchone()
+    except sqlite3.Error as error:
+        raise DataError(f"{path}: cannot be read as a JuPedSim file ({error})") from None
+    if found is None or not rows.size:
+        raise DataError(f"{path}: {'no `fps` in its metadata' if rows.size else 'no rows in trajectory_data'}")
+    return _tracks(path, rows.reshape(-1, 4), float(found[0]), origin, day)
+
+
+def read_hdf5(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
+    """Read an archive's HDF5 file (dataset `trajectory` with id, frame, x, y and attribute `fps`) likewise."""
+    try:
+        import h5py  # type: ignore[import-not-found]  # noqa: PLC0415 - an extra that few need
+    except ImportError:
+        raise DataError(f"{path}: HDF5 files need the package h5py: pip install 'modlhmp[hdf5]'") from None
+    try:
+        with h5py.File(path, "r") as file:
+            table: Any = file["trajectory"]
+            rate = table.attrs["fps"]
+            rows = np.column_stack([np.asarray(table[name], float) for name in ("id", "frame", "x", "y")])
+    except (OSError, KeyError, ValueError, AttributeError) as error:
+        raise DataError(f"{path}: cannot be read as an archive's HDF5 file ({error})") from None
+    return _tracks(path, rows, float(rate), origin, day)
+
+
+def _tracks(path, rows, rate, origin, day):
+    """Rows [n, 4] of id, frame, x, y as tracks with their account."""
+    account = Account()
+    account.rows_read = len(rows)
+    if not rate > 0:
+        raise DataError(f"{path}: its frame rate is {rate:g}")
+    bad = ~np.isfinite(rows).all(axis=1)
+    account.drop_rows("nan_value", bad.sum())
+    ids, frame, x, y = rows[~bad].T
+    t = origin + frame / rate
+    first, last = day or (-np.inf, np.inf)
+    outside = (t < first) | (t >= last)
+    account.drop_rows("outside_day", outside.sum())
+    unknown = np.full(len(t), np.nan)
+    return without_repeats(Tracks(ids.astype(np.int64), t, x, y, unknown, unknown).take(~outside), account), account

@@ -1,0 +1,91 @@
+"""THOR-MAGNI's scenario files: a head of key lines, then one row per instant with columns for every tracked body.
+
+T. Schreiter et al., THÖR-MAGNI: A large-scale indoor motion capture recording of human movement and robot interaction,
+Int. J. Robotics Research, 2024. Positions are the bodies' centroids in mm, 100 times per second; empty where not seen.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+
+from modlhmp.account import Account
+from modlhmp.readers.raw import open_raw
+from modlhmp.storage import DataError
+from modlhmp.time_step import without_repeats
+from modlhmp.tracks import Tracks, concatenate
+
+BODY = re.compile(r"(Helmet_\d+) Centroid_X")  # robots and carried objects are no people
+MM = 0.001
+
+
+def read(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
+    """Read a file into rows sorted by track and time; returns (Tracks, Account), headings unknown.
+
+    A row of the account is one body at one instant. Ids are the bodies' names: who wears a helmet changes from run to
+    run. Instants where a body is not seen are dropped as `not_measured`, frames that come twice as `duplicate_row`.
+    """
+    names, table = _table(path)
+    bodies = [match[1] for name in names if (match := BODY.fullmatch(name))]
+    if "Time" not in names or not bodies:
+        raise DataError(
+            f"{path}: no columns `Time` and `Helmet_1 Centroid_X`: is `reader: magni` right? Files with one row per "
+            "person and time are read by `reader: delimited`"
+        )
+    account, pieces = Account(), []
+    seconds = _numbers(table, "Time")
+    for body in sorted(set(bodies)):
+        x, y = (_numbers(table, f"{body} Centroid_{axis}") * MM for axis in "XY")
+        seen = np.isfinite(seconds) & np.isfinite(x) & np.isfinite(y)
+        account.rows_read += len(seconds)
+        account.drop_rows("not_measured", (~seen).sum())
+        unknown = np.full(int(seen.sum()), np.nan)
+        ids = np.full(int(seen.sum()), account.owners.number(body))
+        pieces.append(Tracks(ids, origin + seconds[seen], x[seen], y[seen], unknown, unknown))
+    rows = concatenate(pieces)
+    first, last = day or (-np.inf, np.inf)
+    outside = (rows.t < first) | (rows.t >= last)
+    account.drop_rows("outside_day", outside.sum())
+    rows = without_repeats(rows.take(~outside), account)
+    if not len(rows.t):
+        raise DataError(f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
+    return rows, account
+
+
+def _table(path):
+    """The names of the columns, and the table below them as text."""
+    with open_raw(path) as file:
+        text = file.read()
+    lines = text.removeprefix(b"\xef\xbb\xbf").split(b"\n", 64)
+    at = next((n for n, line in enumerate(lines[:-1]) if line.startswith((b"Frame,", b"Time,"))), None)
+    if at is None:
+        raise DataError(f"{path}: no line of column names that begins with `Frame,`: is `reader: magni` right?")
+    names = [name.strip().strip('"') for name in lines[at].decode("utf-8", "replace").strip().split(",")]
+    body = b"\n".join(lines[at + 1 :])
+    if not body.strip():
+        raise DataError(f"{path}: no row below the column names")
+    keys = [f"{n}" for n in range(len(names))]
+    try:
+        table = pa_csv.read_csv(
+            pa.BufferReader(body),
+            pa_csv.ReadOptions(column_names=keys),
+            pa_csv.ParseOptions(invalid_row_handler=lambda row: "skip"),
+            pa_csv.ConvertOptions(column_types=dict.fromkeys(keys, pa.string())),
+        )
+    except pa.ArrowInvalid as error:
+        raise DataError(f"{path}: cannot be read as a table ({str(error).splitlines()[0]})") from None
+    places = {name: keys[n] for n, name in reversed(list(enumerate(names)))}
+    return names, {name: table.column(key) for name, key in places.items()}
+
+
+def _numbers(table, name):
+    """A column as numbers, NaN where there is none; of a column that the file lacks, all NaN."""
+    import pyarrow.compute as pc  # noqa: PLC0415 - as in columns
+
+    if name not in table:
+        return np.full(len(next(iter(table.values()))), np.nan)
+    texts = pc.utf8_trim_whitespace(table[name])
+    plain = pc.match_substring_regex(texts, r"^[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?$")
+    return pc.if_else(plain, texts, None).cast(pa.float64()).fill_null(np.nan).combine_chunks().to_numpy()
