@@ -3,11 +3,17 @@
 from collections import Counter
 from typing import Any
 
+import numpy as np
+
 from modlhmp.ids import Owners
 
 
 class Account:
-    """Counts of rows and tracks; `add_up` proves that none was lost."""
+    """Counts of rows and tracks; `add_up` proves that none was lost.
+
+    `beyond` is {distance [m], speed [m/s], heading [rad], time [s]: (how many values no recording can have, the median
+    of some of them)}: what tells a wrong unit from a bad row.
+    """
 
     def __init__(self) -> None:
         self.rows_read = 0
@@ -20,6 +26,7 @@ class Account:
         self.first_seen: dict[str, str] = {}
         self.notes: Counter[str] = Counter()
         self.owners = Owners()
+        self.beyond: dict[str, tuple[int, float]] = {}
 
     def drop_rows(self, reason: str, count: int, example: str | None = None) -> None:
         """Count `count` rows as dropped for `reason`; `example` is the first row's number and text."""
@@ -27,6 +34,13 @@ class Account:
             self.dropped_rows[reason] += int(count)
             if example is not None:
                 self.first_seen.setdefault(reason, example)
+
+    def note_beyond(self, what: str, values: np.ndarray) -> None:
+        """Count values of `what` that lie beyond all that is possible; the median of the first ones is kept."""
+        if len(values):
+            middle = len(values) // 2  # not the mean of two, which may be beyond all numbers
+            count, median = self.beyond.get(what, (0, float(np.partition(values, middle)[middle])))
+            self.beyond[what] = count + len(values), median
 
     def drop_tracks(self, reason: str, tracks: int, rows: int) -> None:
         """Count whole tracks, with the rows they had, as dropped for `reason`."""

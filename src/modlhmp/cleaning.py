@@ -11,14 +11,14 @@ import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.file_format import FileFormat, Recording
+from modlhmp.plausibility import ask_about, check_recording
 from modlhmp.readers import read_recording
 from modlhmp.settings import unknown
 from modlhmp.splits import in_part, in_split, only_of
 from modlhmp.storage import DataError
 from modlhmp.time_step import interpolate
-from modlhmp.tracks import MAX_GAP_S, Tracks, laid_out
+from modlhmp.tracks import LEAST_JUMP_S, MAX_GAP_S, Tracks, laid_out, usual_step
 
-LEAST_JUMP_S = 0.4
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
 
@@ -26,10 +26,21 @@ def clean_recording(path: str | Path, form: FileFormat, recording: Recording) ->
     """Read a recording, apply the cleaning rules in their order, and resample it at the time step.
 
     Returns (Tracks at `time_step_s`, account as a dict of JSON data that adds up). Where ids are no plain numbers, the
-    account's `owners` are {track id: [owner's id, which piece of that track]} (`modlhmp.ids`).
+    account's `owners` are {track id: [owner's id, which piece of that track]} (`modlhmp.ids`). `DataError` where a
+    check of `modlhmp.plausibility` stops; `warnings` of the account are what others warn of, if any do.
     """
     form = only_of(form, recording)
-    tracks, account = read_recording(path, form, recording.day, recording.start, recording.days)
+    rows, account = read_recording(path, form, recording.day, recording.start, recording.days)
+    clock = bool(recording.day) and recording.start is None
+    warnings = ask_about(path, check_recording(rows, account, form, clock), form)
+    tracks, plain = clean_rows(path, rows, account, form, recording)
+    return tracks, {**plain, **({"warnings": warnings} if warnings else {})}
+
+
+def clean_rows(
+    path: str | Path, tracks: Tracks, account: Account, form: FileFormat, recording: Recording
+) -> tuple[Tracks, dict[str, Any]]:
+    """What `clean_recording` does once a recording is read and checked; `path` is named in errors."""
     # What each block dropped is counted; what is left belongs to tracks from here on.
     account.tracks_read += 0 if account.tracks_read else len(tracks.bounds()) - 1
     whole = tracks
@@ -96,12 +107,6 @@ def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Ac
     account.tracks_read += len(cuts)
     pieces = tracks._replace(track_id=np.repeat(ids, np.diff([*starts, len(tracks.t)])))
     return pieces.take(np.lexsort((pieces.t, pieces.track_id)))
-
-
-def usual_step(tracks: Tracks) -> float:
-    """The median time between two rows of a track [s]; NaN where no track has two."""
-    steps = np.diff(tracks.t)[np.diff(tracks.track_id) == 0]
-    return float(np.median(steps)) if len(steps) else float("nan")
 
 
 def _remedy(form, usual, account):

@@ -11,6 +11,12 @@ from modlhmp.storage import DataError
 from modlhmp.tracks import gap_limit
 
 Column = WholeFrom0 | str
+# Checks of whether a recording can be what is said of it, `modlhmp.plausibility` and `modlhmp.split_checks`.
+CheckName = Literal[
+    "absurd_rows", "unreadable_rows", "walking_speed", "recorded_speed", "recorded_heading", "time_step", "extent",
+    "jumps", "repeated_rows", "shared_people", "untrained_place",
+]  # fmt: skip
+LENGTH_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _READER_NEEDS = {
     "edinburgh": ("frame_rate", "scale"),
     "edinburgh_rows": ("frame_rate", "scale", "row_stride"),
@@ -112,10 +118,20 @@ class FileFormat:
         None, "x and y of the local origin in the file's frame [whole metres], for national grids; plans move as well"
     )
 
+    accept: tuple[CheckName, ...] = option((), "checks of the recordings whose findings are known to be right")
+    strict: bool = option(False, "whether what a check only warns of stops as well")
+
     @property
     def has_velocity(self) -> bool:
         """Whether the files say how fast and which way people walk."""
         return self.reader in {"atc", "atc_1hz"} or (self.columns is not None and self.columns.speed is not None)
+
+    @property
+    def metres(self) -> float:
+        """Metres of the files' unit of length."""
+        if self.reader.startswith("edinburgh") or self.units.length == "px":
+            return self.scale or 1.0
+        return LENGTH_M["mm" if self.reader == "atc" else self.units.length]
 
     @property
     def gap_s(self) -> float:

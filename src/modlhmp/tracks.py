@@ -19,6 +19,7 @@ from modlhmp.storage import DataError, column, read_parquet, write_parquet
 COLUMNS = {"track_id": np.int64, "t": np.float64, "x": np.float64, "y": np.float64,
            "speed": np.float64, "heading": np.float64}  # fmt: skip
 MAX_GAP_S = 5.0  # a track with a longer gap between two rows is not one
+LEAST_JUMP_S = 0.4  # a displacement is judged over no less, so that a tracker's jitter is no jump
 
 
 class Tracks(NamedTuple):
@@ -99,6 +100,12 @@ def read_tracks(path: str | Path) -> Tracks:
 def gap_limit(step_s: float) -> float:
     """The longest time between two rows of a track [s]: `MAX_GAP_S`, or two time steps if these are more."""
     return max(MAX_GAP_S, 2 * step_s)
+
+
+def usual_step(tracks: Tracks) -> float:
+    """The median time between two rows of a track [s]; NaN where no track has two."""
+    steps = np.diff(tracks.t)[np.diff(tracks.track_id) == 0]
+    return float(np.median(steps)) if len(steps) else float("nan")
 
 
 def runs(first: np.ndarray, counts: np.ndarray) -> np.ndarray:

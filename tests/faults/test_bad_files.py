@@ -39,11 +39,11 @@ GOOD = {
     "edinburgh": "% Total number of trajectories in file are  2 \n\n"
     + "".join(
         f"Properties.R{p}=[12 5 93 1.5 ];\n TRACK.R{p}=["
-        + ";".join(f"[{20 + 9 * k} {100 * p} {5 + 8 * k}]" for k in STEPS)
+        + ";".join(f"[{20 + 40 * k} {100 * p} {5 + 8 * k}]" for k in STEPS)
         + "];\n"
         for p in (1, 2)
     ),
-    "edinburgh_rows": "".join(f"{95 + k},{p},{20 + 9 * k},{100 * p}\n" for p in (1, 2) for k in STEPS),
+    "edinburgh_rows": "".join(f"{95 + k},{p},{20 + 20 * k},{100 * p}\n" for p in (1, 2) for k in STEPS),
     "named": "time,person,x,y\n" + "".join(f"{k}.5,{p},{k}.25,{p}\n" for p in (1, 2) for k in STEPS),
     "positions": "".join(f"{k}.5,{p},{k}.25,{p}\n" for p in (1, 2) for k in STEPS),
 }

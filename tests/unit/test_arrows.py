@@ -14,7 +14,7 @@ STAGES = [
     ("settings", "options", "kinds", "site", "file_format", "logs", "angles", "streams", "tracks", "ids", "clock",
      "account", "time_step", "yaml_file", "floor_plan"),
     ("readers",),
-    ("cleaning", "splits"),
+    ("motion", "speed_units", "plausibility", "splits", "cleaning"),
     ("maps",),
     ("forecasting",),
     ("scoring",),

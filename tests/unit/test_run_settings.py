@@ -716,3 +716,9 @@ def test_without_a_clock_there_are_no_maps_by_hours(config):
     run = load({**config, "run": "mine", "datasets": ["hotel"]})
     with pytest.raises(DataError, match=r"hotel\.yaml: its `clock` is unknown.*leave tc_cliff, .*stef"):
         load_datasets(run, DATASETS, "nowhere", "demo")
+
+
+def test_a_strict_run_makes_every_dataset_strict(config):
+    for strict in (False, True):
+        found = load_datasets(load({**config, "strict": strict}), DATASETS, "nowhere", "demo")
+        assert {one.strict for one in found.values()} == {strict}

@@ -14,9 +14,10 @@ import numpy as np
 from modlhmp.account import Account
 from modlhmp.angles import wrap_angle
 from modlhmp.clock import unix_time
+from modlhmp.file_format import LENGTH_M
 from modlhmp.ids import NOBODY
 from modlhmp.readers.columns import NO_ID, read_columns
-from modlhmp.readers.hints import hint
+from modlhmp.readers.hints import hint, hint_of_units
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import last_of_step, without_repeats
@@ -25,9 +26,9 @@ from modlhmp.tracks import Tracks, concatenate
 MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fault, not a walking person
 MAX_SPEED_MPS = 15.0
 MAX_HEADING_RAD = 100.0
-_LENGTH_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
-_SPEED_MPS = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "km/h": 1 / 3.6}
-_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+WHOLE_TURN_RAD = 8.0  # beyond it lies no angle from -pi to pi, or 0 to 2 pi, whatever it is measured from
+SPEED_MPS = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "km/h": 1 / 3.6}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 FIELDS = ("track_id", "t", "x", "y", "speed", "heading")
 
 
@@ -61,9 +62,10 @@ def read_delimited(
     if not len(rows.t):
         seen = f" (first: {next(iter(account.first_seen.values()))})" if account.first_seen else ""
         advice = hint(next(line_blocks(path)), layout)
+        advice = f"the file {advice}" if advice else hint_of_units(account.beyond, account.rows_read)
         raise DataError(
             f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}{seen}"
-            + (f"; the file {advice}" if advice else "")
+            + (f"; {advice}" if advice else "")
         )
     return rows, account
 
@@ -106,9 +108,9 @@ def _to_si(values, layout):
     if units["time"] == "iso":
         t = values["t"]
     else:
-        seconds = 1.0 / layout["frame_rate"] if units["time"] == "frame" else _SECONDS[units["time"]]
+        seconds = 1.0 / layout["frame_rate"] if units["time"] == "frame" else SECONDS[units["time"]]
         t = values["t"] * seconds + layout.get("origin", 0.0)
-    metres = layout["scale"] if units["length"] == "px" else _LENGTH_M[units["length"]]
+    metres = layout["scale"] if units["length"] == "px" else LENGTH_M[units["length"]]
     if layout.get("homography"):
         matrix = np.asarray(layout["homography"], float)
         x, y, factor = matrix @ np.stack([x, y, np.ones(len(x))])
@@ -124,7 +126,7 @@ def _to_si(values, layout):
         t,
         x * metres - east,
         y * metres - north,
-        speed * (_SPEED_MPS[units["speed"]] if units.get("speed") else metres),
+        speed * (SPEED_MPS[units["speed"]] if units.get("speed") else metres),
         heading,
     )
 
@@ -138,15 +140,17 @@ def _drop_bad_rows(path, rows, numbers, has_velocity, day, layout, account):
     else:
         standing = np.zeros(len(rows.t), bool)
     measured = [rows.t, rows.x, rows.y] + [np.where(standing, 0.0, part) for part in rows[4:]] * has_velocity
-    speed = np.nan_to_num(rows.speed)
+    speed, distance = np.nan_to_num(rows.speed), np.hypot(rows.x, rows.y)
+    turned = np.abs(np.nan_to_num(rows.heading))
     first, last = day or (-np.inf, np.inf)
+    _note_beyond(rows, distance, speed, turned, (first, last), account)
     with np.errstate(invalid="ignore"):
         tests = {
             "infinite_value": np.logical_or.reduce([np.isinf(column) for column in measured]),
             "nan_value": np.logical_or.reduce([np.isnan(column) for column in measured]),
             "no_person": rows.track_id < 0,
-            "absurd_value": (np.hypot(rows.x, rows.y) > MAX_DISTANCE_M) | (speed < 0) | (speed > MAX_SPEED_MPS)
-            | (np.abs(np.nan_to_num(rows.heading)) > MAX_HEADING_RAD),
+            "absurd_value": (distance > MAX_DISTANCE_M) | (speed < 0) | (speed > MAX_SPEED_MPS)
+            | (turned > MAX_HEADING_RAD),
             "outside_day": (rows.t < first) | (rows.t >= last),
         }  # fmt: skip
     if layout.get("ids") == "text":
@@ -163,16 +167,33 @@ def _drop_bad_rows(path, rows, numbers, has_velocity, day, layout, account):
     return rows._replace(heading=wrap_angle(rows.heading))
 
 
+def _note_beyond(rows, distance, speed, turned, day, account):
+    """Count what tells a wrong unit."""
+    for what, values, limit in (
+        ("distance", distance, MAX_DISTANCE_M),
+        ("speed", speed, MAX_SPEED_MPS),
+        ("heading", turned, WHOLE_TURN_RAD),
+    ):
+        account.note_beyond(what, values[np.isfinite(values) & (values > limit)])
+    account.note_beyond("time", rows.t[np.isfinite(rows.t) & ((rows.t < day[0]) | (rows.t >= day[1]))])
+
+
 def _check_frame(path, rows, layout):
     """Whether most positions are near the origin; `DataError` that names the option which moves it."""
     distance = np.hypot(rows.x, rows.y)
     far = distance[np.isfinite(distance)] > MAX_DISTANCE_M
     if not len(far) or far.mean() <= 0.5:
         return
+    example = f"{far.mean():.0%} of the first rows are more than {MAX_DISTANCE_M / 1000:g} km from the origin, such as"
+    example += f" x {rows.x[0]:g} m, y {rows.y[0]:g} m"
+    sides = [np.nanquantile(part, 0.95) - np.nanquantile(part, 0.05) for part in (rows.x, rows.y)]
+    if max(sides) > MAX_DISTANCE_M / 2:  # a frame of its own would keep them together
+        raise DataError(
+            f"{path}: {example}, and {max(sides) / 1000:.3g} km apart: set `units: {{length: mm}}`, or cm, if they are"
+        )
     moved = layout.get("origin_m") or (0, 0)
     east, north = (round(float(np.nanmedian(part)) + at, -2) for part, at in zip((rows.x, rows.y), moved, strict=True))
     raise DataError(
-        f"{path}: {far.mean():.0%} of the first rows are more than {MAX_DISTANCE_M / 1000:g} km from the origin, such "
-        f"as x {rows.x[0]:g} m, y {rows.y[0]:g} m: for a national grid, set `origin_m: [{east:.0f}, {north:.0f}]`; "
-        "if not, correct `units: {length: ...}`"
+        f"{path}: {example}: for a national grid, set `origin_m: [{east:.0f}, {north:.0f}]`; if not, correct "
+        "`units: {length: ...}`"
     )

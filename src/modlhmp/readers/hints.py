@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from datetime import datetime, timezone
 from typing import Any
 
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
@@ -38,3 +39,42 @@ def hint(block: bytes, layout: Mapping[str, Any]) -> str:
     if separator != "," and layout.get("decimal", ".") != "," and any(map(_DECIMAL_COMMA.fullmatch, fields)):
         return 'has numbers such as 1,25: set `decimal: ","`'
     return ""
+
+
+def hint_of_units(beyond: Mapping[str, tuple[int, float]], rows: int) -> str:
+    """Which unit may be wrong where most of the values of a kind are `beyond` (`Account`) what any recording has."""
+    told = []
+    for what, (count, median) in beyond.items():
+        if count > 0.5 * rows:
+            told.append(_UNIT_OF[what](median))
+    return "; ".join(told)
+
+
+def _time(seconds):
+    if seconds > _YEAR_2200_S:
+        unit = next((name for name, per in (("ms", 1e3), ("us", 1e6)) if seconds / per < _YEAR_2200_S), "ns")
+        return f"times such as {seconds:.0f} s are beyond the year 2200: set `units: {{time: {unit}}}`"
+    if seconds < _YEAR_1980_S:
+        return (
+            f"times such as {seconds:g} s are of about 1970: if they count from a begin, say the `start`; "
+            "if not, correct `units: {time: s}`"
+        )
+    when = datetime.fromtimestamp(seconds, timezone.utc)
+    return f"times such as {when:%Y-%m-%d %H:%M} UTC are of other days: correct `day`, `days` or `timezone`"
+
+
+def _speed(mps):
+    unit = "mm/s" if mps > 300 else "cm/s" if mps > 25 else "km/h"
+    return f"speeds are {mps:.3g} m/s in the middle: set `units: {{speed: {unit}}}`"
+
+
+_YEAR_1980_S, _YEAR_2200_S = 315_532_800.0, 7_258_118_400.0
+_UNIT_OF = {
+    "time": _time,
+    "speed": _speed,
+    "distance": lambda metres: (
+        f"positions are {metres / 1000:.3g} km from the origin in the middle: correct "
+        "`units: {length: ...}`, or set `origin_m`"
+    ),
+    "heading": lambda angle: f"headings are {angle:.3g} rad in the middle: set `units: {{angle: deg}}`",
+}

@@ -139,6 +139,8 @@ def load_datasets(
                 f"{Path(folder) / dataset.name}.yaml: its `clock` is unknown, so there are no maps by hours: leave "
                 f"{', '.join(hourly)} out of `compare` and the ladder"
             )
+    if run.strict:
+        found = {name: dataclasses.replace(dataset, strict=True) for name, dataset in found.items()}
     if run.evaluate_on == "validation":
         return {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":

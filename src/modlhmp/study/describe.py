@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from modlhmp import datasets, file_format, kinds, options, site
+from modlhmp.plausibility import CHECKS
 from modlhmp.settings import fields_of, json_schema
 from modlhmp.storage import write_text
 from modlhmp.study import settings
@@ -106,6 +107,7 @@ def tables() -> dict[str, str]:
         "kinds": "\n\n".join(["\n".join(lines), *own]),
         "maps": "\n\n".join(built),
         "dataset": table(datasets.DatasetFile, required=datasets.REQUIRED),
+        "checks": checks(),
         "exhibits": exhibits(),
         "equations": places(),
         "dataset sections": "\n\n".join(f"#### `{name}`\n\n{table(cls)}" for name, cls in DATASET_SECTIONS.items()),
@@ -134,6 +136,13 @@ def exhibits() -> str:
     for one in EXHIBITS:
         name, paper = one.name.replace("{label}", "<label>"), one.paper or "not in the paper"
         lines.append(f"| `{name}` | {one.title} | {paper} | `{one.rule}` | `{one.module}` |")
+    return "\n".join(lines)
+
+
+def checks() -> str:
+    """Every check of a recording: what it compares, when it stops or warns, and what answers it."""
+    lines = ["| check | what it compares | stops or warns | answered by |", "|---|---|---|---|"]
+    lines += [f"| `{one.name}` | {one.compares} | {one.severity} | {one.remedy} |" for one in CHECKS]
     return "\n".join(lines)
 
 

@@ -129,6 +129,7 @@ class RunSettings:
         "read; `folds`: the test recordings by turns, days or blocks of time, forecast from all else but what was "
         "recorded within ten minutes of them",
     )
+    strict: bool = option(False, "whether what checks of the recordings only warn of stops the run as well")
     compare: Annotated[tuple[str, ...], MinLen(1)] = option(meaning="methods to run, in the order of the tables")
     methods: dict[str, MethodEntry] = option(
         {}, "variants: `name: {kind, title, options}`; every kind is also a method by itself"

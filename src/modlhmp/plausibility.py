@@ -1,0 +1,268 @@
+"""Whether a recording can be what is said of it: its units, rates, angles and ids against how people walk.
+
+A check compares, and says with numbers what looks wrong and which option would answer it. Where the data would
+otherwise be wrong the recording is refused; where they may be right there is a warning, and `strict` refuses as well.
+A check of how people move needs `LEAST_MOVES` displacements of at least `LEAST_TRACKS` tracks.
+"""
+
+import logging
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from modlhmp.account import Account
+from modlhmp.file_format import CheckName, FileFormat
+from modlhmp.motion import Moves, moves, recorded_agreement, recorded_ratio
+from modlhmp.readers.delimited import SPEED_MPS
+from modlhmp.readers.hints import hint_of_units
+from modlhmp.speed_units import explain, extent_of
+from modlhmp.storage import DataError
+from modlhmp.tracks import LEAST_JUMP_S, Tracks, usual_step
+
+LEAST_MOVES, LEAST_TRACKS, LEAST_ROWS = 15, 2, 15
+STOP_MPS, WARN_MPS = (0.3, 3.0), (0.8, 1.8)  # median speeds outside are refused, or warned of
+STOP_RATIO, WARN_RATIO = (0.5, 2.0), (0.7, 1.4)  # of recorded speeds to displacements
+STOP_COSINE, WARN_COSINE = 0.4, 0.7  # mean, of recorded headings to displacements
+SIDES_M = (1.0, 2000.0)
+ABSURD, UNREADABLE, REPEATED, JUMPS, APART = 0.05, 0.2, 0.1, 0.01, 1.5
+
+Severity = Literal["stop", "warn"]
+Told = tuple[Severity, str, str] | None  # severity, what looks wrong, what would answer it
+
+
+class Finding(NamedTuple):
+    """What a check found: `text` says what looks wrong, with numbers, `remedy` which option would answer it."""
+
+    check: str
+    severity: Severity
+    text: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.check}: {self.text}; {self.remedy}; if it is right, set `accept: [{self.check}]`"
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """A recording as it was read, before anything is cut or dropped by a rule of cleaning.
+
+    `clock`: its times are unix times of the file, so that their unit is known.
+    """
+
+    rows: Tracks
+    account: Account
+    form: FileFormat
+    clock: bool = False
+
+    @cached_property
+    def step_s(self) -> float:
+        """The usual time between two rows of a track [s]."""
+        return usual_step(self.rows)
+
+    @cached_property
+    def walk(self) -> Moves:
+        """Displacements over about a second of those who move."""
+        tracks = max(len(self.rows.bounds()) - 1, 1)
+        longest = len(self.rows.t) // tracks // 4  # in rows; a wrong rate would ask for too many
+        apart = round(1 / self.step_s) if self.step_s > 0 else 1
+        return moves(self.rows, min(max(apart, 1), max(longest, 1), 30))
+
+    @cached_property
+    def around(self) -> Moves:
+        """Displacements from the row before to the row after, where the row itself has a speed and a heading."""
+        return moves(self.rows, 2)
+
+    def enough(self, found: Moves) -> bool:
+        """Whether these displacements are evidence."""
+        return len(found.speed) >= LEAST_MOVES and len(np.unique(self.rows.track_id[found.row])) >= LEAST_TRACKS
+
+
+def absurd_rows(seen: Evidence) -> Told:
+    """Rows with positions or speeds that no person can have, which the reader drops."""
+    account, read = seen.account, max(seen.account.rows_read, 1)
+    known: dict[str, tuple[int, float]] = {
+        what: account.beyond[what] for what in ("distance", "speed") if what in account.beyond
+    }
+    uncounted = 0 if account.beyond else account.dropped_rows["absurd_value"]  # by readers that do not say what of
+    count = max([one for one, _ in known.values()], default=uncounted)
+    if seen.account.rows_read < LEAST_ROWS or count <= ABSURD * read:
+        return None
+    first = account.first_seen.get("absurd_value", "none is kept")
+    remedy = hint_of_units(known, 0) or "correct `units`, `scale` or `frame_rate`"
+    return "stop", f"{count / read:.0%} of the rows are dropped as absurd (first: {first})", remedy
+
+
+def unreadable_rows(seen: Evidence) -> Told:
+    """Lines that could not be read as rows."""
+    account, reasons = seen.account, ("text_value", "wrong_column_count", "no_track_id")
+    dropped = {reason: account.dropped_rows[reason] for reason in reasons if account.dropped_rows[reason]}
+    if account.rows_read < LEAST_ROWS or sum(dropped.values()) <= UNREADABLE * account.rows_read:
+        return None
+    first = next((account.first_seen[reason] for reason in dropped if reason in account.first_seen), "none is kept")
+    told = f"{sum(dropped.values()) / account.rows_read:.0%} of the lines are dropped: {dropped} (first: {first})"
+    return "warn", told, "correct `separator`, `decimal`, `columns`, `comment`, or choose rows with `only`"
+
+
+def repeated_rows(seen: Evidence) -> Told:
+    """Rows of the same id and time, of which the first one counts."""
+    read, repeated = seen.account.rows_read, seen.account.dropped_rows["duplicate_row"]
+    if read < LEAST_ROWS or repeated <= REPEATED * read:
+        return None
+    told = f"{repeated / read:.0%} of the rows have the id and the time of another row, and are dropped"
+    return "warn", told, "name all columns that make an id in `columns: {track_id: [...]}`, or a finer column of time"
+
+
+def walking_speed(seen: Evidence) -> Told:
+    """The median speed of those who move."""
+    if not seen.enough(seen.walk):
+        return None
+    median = float(np.median(seen.walk.speed))
+    if WARN_MPS[0] <= median <= WARN_MPS[1]:
+        return None
+    told = (
+        f"people who move do so at {median:.3g} m/s in the middle, over {len(seen.walk.speed)} displacements of about "
+        f"{seen.walk.seconds:.3g} s; {WARN_MPS[0]:g} to {WARN_MPS[1]:g} are usual"
+    )
+    options = explain(median, seen.rows, seen.form, seen.clock)
+    severity: Severity = "warn" if STOP_MPS[0] <= median <= STOP_MPS[1] else "stop"
+    return severity, told, options or "correct the units of length and time, `frame_rate` or `scale`"
+
+
+def recorded_speed(seen: Evidence) -> Told:
+    """The file's speeds by those of displacements."""
+    if not seen.form.has_velocity or not seen.enough(seen.around):
+        return None
+    ratio, walked = recorded_ratio(seen.rows, seen.around)
+    if not np.isfinite(ratio) or WARN_RATIO[0] <= ratio <= WARN_RATIO[1]:
+        return None
+    now = SPEED_MPS.get(seen.form.units.speed or "", 0.0) or seen.form.metres
+    known = [
+        f"`units: {{speed: {unit}}}`"
+        for unit, factor in SPEED_MPS.items()
+        if WARN_RATIO[0] <= ratio * factor / now <= WARN_RATIO[1] and factor != now
+    ]
+    told = f"the file's speeds are {ratio:.3g} times those of its displacements ({walked:.3g} m/s in the middle)"
+    severity: Severity = "stop" if known or not STOP_RATIO[0] <= ratio <= STOP_RATIO[1] else "warn"
+    others = "correct `units`, or leave the columns of speed and heading out"
+    return severity, told, f"{' or '.join(known)} would explain it" if known else others
+
+
+def recorded_heading(seen: Evidence) -> Told:
+    """The file's headings against the directions of displacements."""
+    count, median = seen.account.beyond.get("heading", (0, 0.0))
+    if count > ABSURD * seen.account.rows_read >= ABSURD * LEAST_ROWS:
+        told = f"{count / seen.account.rows_read:.0%} of the headings are beyond a whole turn ({median:.3g} rad)"
+        fits = seen.form.units.angle == "rad"
+        return "stop", told, "set `units: {angle: deg}`" if fits else "leave the columns of speed and heading out"
+    if not seen.form.has_velocity or not seen.enough(seen.around):
+        return None
+    now, best, option = recorded_agreement(seen.rows, seen.around, seen.form.units)
+    if not np.isfinite(now) or now >= WARN_COSINE:
+        return None
+    told = f"the file's headings do not follow its displacements: the mean cosine between them is {now:.2f}"
+    if best >= WARN_COSINE:
+        return "stop", told, f"with {option} it would be {best:.2f}"
+    severity: Severity = "stop" if now < STOP_COSINE else "warn"
+    return severity, told, "leave the columns of speed and heading out, so that positions tell both"
+
+
+def time_step(seen: Evidence) -> Told:
+    """The usual time between rows by the time step."""
+    step, wanted = seen.step_s, seen.form.time_step_s
+    if len(seen.rows.t) < LEAST_ROWS or not step > APART * wanted:
+        return None
+    told = f"rows of a track are usually {step:.3g} s apart, the time step is {wanted:g} s: most rows would be made up"
+    return "warn", told, f"set `time_step_s: {step:.3g}`"
+
+
+def extent(seen: Evidence) -> Told:
+    """How large the place is."""
+    if not seen.enough(seen.walk) or SIDES_M[0] <= (side := extent_of(seen.rows)) <= SIDES_M[1]:
+        return None
+    return "warn", f"98 % of all rows are within {side:.3g} m", "correct `units: {length: ...}`, `scale` or `origin_m`"
+
+
+def jumps(seen: Evidence) -> Told:
+    """Displacements that nobody makes: an id has gone over to somebody else."""
+    rows, limit = seen.rows, seen.form.max_jump_mps or 15.0
+    same = np.diff(rows.track_id) == 0
+    seconds = np.maximum(np.diff(rows.t)[same], LEAST_JUMP_S)
+    jumped = int((np.hypot(np.diff(rows.x), np.diff(rows.y))[same] > limit * seconds).sum())
+    if len(seconds) < LEAST_ROWS or jumped <= JUMPS * len(seconds):
+        return None
+    told = f"{jumped} of {len(seconds)} displacements ({jumped / len(seconds):.0%}) are faster than {limit:g} m/s"
+    return "warn", told, "do ids change hands? Check `columns: {track_id: ...}`; tracks are cut there (`max_jump_mps`)"
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check, for the tables: what it compares, when it stops and when it warns, and the options that answer it."""
+
+    name: CheckName
+    compares: str
+    severity: str
+    remedy: str
+    of: Callable[[Evidence], Told] | None = field(default=None, repr=False)  # None: of whole datasets
+
+
+CHECKS = (
+    Check("absurd_rows", "rows farther than 10 km away or faster than 15 m/s, which are dropped", "stops above 5 %",
+          "`units`, `scale`, `origin_m`", absurd_rows),
+    Check("unreadable_rows", "lines that are no rows of numbers and an id, which are dropped", "warns above 20 %",
+          "`separator`, `decimal`, `columns`, `comment`, `only`", unreadable_rows),
+    Check("walking_speed", "median speed of those who move, over about a second",
+          "warns outside 0.8 to 1.8 m/s, stops outside 0.3 to 3",
+          "`units: {length, time}`, `frame_rate`, `scale`, `row_stride`", walking_speed),
+    Check("recorded_speed", "the file's speeds by those of displacements",
+          "warns outside 0.7 to 1.4, stops outside 0.5 to 2, or where a unit explains it",
+          "`units: {speed}`, `columns`", recorded_speed),
+    Check("recorded_heading", "the file's headings against displacements: the mean cosine between them",
+          "warns below 0.7, stops below 0.4, where a convention explains it, or beyond a whole turn",
+          "`units: {angle, heading}`, `columns`", recorded_heading),
+    Check("time_step", "the usual time between two rows by the time step", "warns above 1.5", "`time_step_s`",
+          time_step),
+    Check("extent", "size of the place, without the outermost 1 % of rows on each side",
+          "warns outside 1 m to 2 km", "`units: {length}`, `scale`, `origin_m`", extent),
+    Check("jumps", "displacements faster than `max_jump_mps` (15 m/s)", "warns above 1 %",
+          "`columns: {track_id}`, `max_jump_mps`", jumps),
+    Check("repeated_rows", "rows with the id and time of another one, which are dropped", "warns above 10 %",
+          "`columns: {track_id, t}`", repeated_rows),
+    Check("shared_people", "test tracks that are in the training recordings as well: the same positions in the same "
+          "order, or one id going on within 5 s of the same day", "warns from the first, stops above 1 %",
+          "`recordings`, `split`"),
+    Check("untrained_place", "test rows in 1 m cells with training rows", "warns below half, stops below a tenth",
+          "`recordings`, `units`, `origin_m`"),
+)  # fmt: skip
+_AFTER_SPEED = {"extent", "jumps"}  # they repeat what a wrong speed says
+
+
+def check_recording(rows: Tracks, account: Account, form: FileFormat, clock: bool = False) -> list[Finding]:
+    """What looks wrong about a recording as `read_recording` returns it, in the order of `CHECKS`.
+
+    `clock`: its times are unix times of the file, not counted from a start.
+    """
+    seen, found = Evidence(rows, account, form, clock), list[Finding]()
+    for check in CHECKS:
+        wrong_speed = any(one.check == "walking_speed" for one in found)
+        told = check.of(seen) if check.of and not (wrong_speed and check.name in _AFTER_SPEED) else None
+        if told is not None:
+            found.append(Finding(check.name, *told))
+    return found
+
+
+def ask_about(source: object, findings: Iterable[Finding], form: FileFormat) -> list[str]:
+    """Findings that are not accepted: `DataError` that names `source` for those that stop, a loud warning for others.
+
+    Returns the warnings.
+    """
+    open_ones = [one for one in findings if one.check not in form.accept]
+    stops = [one for one in open_ones if one.severity == "stop" or form.strict]
+    if stops:
+        strict = " (`strict: true`)" if all(one.severity == "warn" for one in stops) else ""
+        raise DataError(f"{source}: looks wrong{strict}:\n  " + "\n  ".join(map(str, stops)))
+    for one in open_ones:
+        logging.getLogger("modlhmp").warning("WARNING: %s: %s", source, one)
+    return [str(one) for one in open_ones]

@@ -1,0 +1,208 @@
+"""Wrong units, rates and angles are noticed, and answered with the option that mends them; good recordings pass."""
+
+import logging
+from typing import get_args
+
+import numpy as np
+import pytest
+from planted import MOVING, PLACES, people, write
+
+import modlhmp
+from modlhmp.account import Account
+from modlhmp.cleaning import clean_recording
+from modlhmp.file_format import CheckName, FileFormat, Recording
+from modlhmp.plausibility import CHECKS, check_recording
+from modlhmp.readers import read_recording
+from modlhmp.settings import check
+from modlhmp.storage import DataError
+
+
+def form(columns=MOVING, **keys):
+    return check(FileFormat, {"header": True, "columns": columns, **keys}, "test")
+
+
+def findings(path, described):
+    rows, account = read_recording(path, described)
+    return check_recording(rows, account, described)
+
+
+@pytest.mark.parametrize(
+    ("written", "declared"),
+    [
+        ({}, {}),
+        ({"moving": False}, {}),
+        ({"length": "cm"}, {"units": {"length": "cm", "speed": "m/s"}}),
+        ({"length": "mm", "speed": "mm/s"}, {"units": {"length": "mm"}}),
+        ({"length": "px", "moving": False}, {"units": {"length": "px"}, "scale": 0.025}),
+        ({"time": "ms"}, {"units": {"time": "ms"}}),
+        ({"time": "ns"}, {"units": {"time": "ns"}}),
+        ({"rate": 25}, {"units": {"time": "frame"}, "frame_rate": 25}),
+        ({"speed": "km/h"}, {"units": {"speed": "km/h"}}),
+        ({"angle": "deg"}, {"units": {"angle": "deg"}}),
+        ({"angle": "deg", "heading": "compass"}, {"units": {"angle": "deg", "heading": "compass"}}),
+        ({"heading": "from_x_clockwise"}, {"units": {"heading": "from_x_clockwise"}}),
+    ],
+)
+@pytest.mark.parametrize("step_s", [0.1, 0.4, 1.0])
+def test_a_right_declaration_passes(tmp_path, written, declared, step_s):
+    path = write(tmp_path / "a.csv", people(rows=round(20 / step_s), step_s=step_s), **written)
+    columns = PLACES if written.get("moving") is False else MOVING
+    assert findings(path, form(columns, **declared)) == []
+
+
+FRAMES = {"units": {"time": "frame"}}
+WRONG = [  # as written, as declared, the check that notices (None: the reader, which keeps no row), the answer
+    # of positions and times
+    ({"length": "cm", "moving": False}, {}, "walking_speed", "units: {length: cm}"),
+    ({"length": "mm", "moving": False}, {}, None, "units: {length: mm}"),
+    ({"length": "cm", "moving": False}, {"units": {"length": "mm"}}, "walking_speed", "units: {length: cm}"),
+    ({"moving": False}, {"units": {"length": "cm"}}, "walking_speed", "units: {length: m}"),
+    ({"moving": False}, {"units": {"length": "mm"}}, "walking_speed", "units: {length: m}"),
+    ({"length": "px", "moving": False}, {}, "walking_speed", "units: {length: px}"),
+    ({"time": "ms", "moving": False}, {}, "walking_speed", "units: {time: ms}"),
+    ({"moving": False}, {"units": {"time": "ms"}}, "walking_speed", "units: {time: s}"),
+    ({"time": "us", "moving": False}, {"units": {"time": "ms"}}, "walking_speed", "units: {time: us}"),
+    ({"rate": 25, "moving": False}, {}, "walking_speed", "units: {time: frame}"),
+    ({"rate": 25, "moving": False}, {**FRAMES, "frame_rate": 2.5}, "walking_speed", "frame_rate: 25"),
+    ({"rate": 25, "moving": False}, {**FRAMES, "frame_rate": 250}, "walking_speed", "frame_rate: 25"),
+    ({"rate": 25, "moving": False}, {**FRAMES, "frame_rate": 10}, "walking_speed", "frame_rate: 25"),
+    ({"rate": 15, "moving": False}, {**FRAMES, "frame_rate": 25}, "walking_speed", "frame_rate: 15"),
+    ({"rate": 10, "moving": False}, {**FRAMES, "frame_rate": 25}, "walking_speed", "frame_rate: 10"),
+    # of the file's speeds
+    ({"speed": "km/h"}, {}, "recorded_speed", "units: {speed: km/h}"),
+    ({"speed": "cm/s"}, {}, "absurd_rows", "units: {speed: cm/s}"),
+    ({"speed": "mm/s"}, {}, None, "units: {speed: mm/s}"),
+    ({}, {"units": {"speed": "km/h"}}, "recorded_speed", "units: {speed: m/s}"),
+    ({}, {"units": {"speed": "mm/s"}}, "recorded_speed", "units: {speed: m/s}"),
+    ({"length": "cm"}, {"units": {"length": "cm"}}, "recorded_speed", "units: {speed: m/s}"),
+    # of the file's headings
+    ({"angle": "deg"}, {}, "recorded_heading", "units: {angle: deg}"),
+    ({"angle": "deg", "heading": "compass"}, {}, "recorded_heading", "units: {angle: deg}"),
+    ({}, {"units": {"angle": "deg"}}, "recorded_heading", "units: {angle: rad}"),
+    ({"heading": "compass"}, {}, "recorded_heading", "units: {heading: compass}"),
+    ({"heading": "from_x_clockwise"}, {}, "recorded_heading", "units: {heading: from_x_clockwise}"),
+    ({"angle": "deg", "heading": "compass"}, {"units": {"angle": "deg"}}, "recorded_heading",
+     "units: {heading: compass}"),
+    ({}, {"units": {"heading": "compass"}}, "recorded_heading", "units: {heading: from_x}"),
+    ({}, {"units": {"heading": "from_x_clockwise"}}, "recorded_heading", "units: {heading: from_x}"),
+    ({"heading": "backwards"}, {}, "recorded_heading", "backwards"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("written", "declared", "name", "remedy"), WRONG)
+@pytest.mark.parametrize("step_s", [0.4, 1.0])
+def test_a_wrong_declaration_is_named_with_the_option(tmp_path, written, declared, name, remedy, step_s):
+    path = write(tmp_path / "a.csv", people(rows=round(20 / step_s), step_s=step_s), **written)
+    described = form(PLACES if written.get("moving") is False else MOVING, strict=True, **declared)
+    with pytest.raises(DataError) as error:
+        clean_recording(path, described, Recording(day=""))
+    assert str(path) in str(error.value)
+    assert remedy in str(error.value)
+    if name is not None:
+        assert f"accept: [{name}]" in str(error.value)
+        assert [remedy in one.remedy for one in findings(path, described) if one.check == name] == [True]
+
+
+def test_all_of_a_unit_wrong_at_once_is_told_once_for_each(tmp_path):
+    """Cm and cm/s as m and m/s, degrees as radians: nearly every row is faster than anybody, and is dropped."""
+    path = write(tmp_path / "a.csv", length="cm", speed="cm/s", angle="deg")
+    with pytest.raises(DataError) as error:
+        modlhmp.read_tracks(path, columns=MOVING)
+    assert "units: {speed: cm/s}" in str(error.value)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_few_rows_are_no_evidence(tmp_path, rows):
+    path = write(tmp_path / "a.csv", people(number=4, rows=rows), length="cm", moving=False)
+    assert [one for one in findings(path, form(PLACES)) if one.severity != "note"] == []
+
+
+def test_nobody_moves(tmp_path):
+    path = write(tmp_path / "a.csv", people(number=4, standing=4))
+    assert all(one.check != "recorded_heading" for one in findings(path, form()))
+
+
+def test_who_knows_better_says_so(tmp_path):
+    path = write(tmp_path / "a.csv", heading="backwards")
+    tracks = modlhmp.read_tracks(path, columns=MOVING, accept=["recorded_heading"])
+    assert len(tracks.t) > 100
+    with pytest.raises(DataError, match="fast_walking"):
+        modlhmp.read_tracks(path, columns=MOVING, accept=["fast_walking"])
+
+
+def test_a_warning_is_loud_kept_and_stops_where_strict(tmp_path, caplog):
+    table = people()
+    table[:, 2:4] *= 1.9  # runners
+    path = write(tmp_path / "a.csv", table, moving=False)
+    described = form(PLACES)
+    with caplog.at_level(logging.WARNING, logger="modlhmp"):
+        _, account = clean_recording(path, described, Recording(day=""))
+    assert any("walking_speed" in record.getMessage() for record in caplog.records)
+    assert [one.partition(":")[0] for one in account["warnings"]] == ["walking_speed"]
+    with pytest.raises(DataError, match="strict"):
+        clean_recording(path, form(PLACES, strict=True), Recording(day=""))
+    _, account = clean_recording(path, form(PLACES, strict=True, accept=["walking_speed"]), Recording(day=""))
+    assert "warnings" not in account
+
+
+def test_a_good_recording_has_no_warnings_in_its_account(tmp_path):
+    _, account = clean_recording(write(tmp_path / "a.csv"), form(), Recording(day=""))
+    assert "warnings" not in account
+
+
+def test_rows_farther_apart_than_the_time_step(tmp_path):
+    path = write(tmp_path / "a.csv", people(step_s=3.0), moving=False)
+    (found,) = findings(path, form(PLACES))
+    assert (found.check, found.severity) == ("time_step", "warn")
+    assert "time_step_s: 3" in found.remedy
+
+
+def test_ids_that_jump(tmp_path):
+    table = people(number=20)
+    swapped = table.copy()
+    for first in range(0, 18, 2):  # pairs of people change their ids every five rows
+        for row in range(0, 20, 10):
+            a, b = (slice(20 * person + row, 20 * person + row + 5) for person in (first, first + 1))
+            swapped[a, 2:4], swapped[b, 2:4] = table[b, 2:4] + 40, table[a, 2:4] - 40
+    found = findings(write(tmp_path / "a.csv", swapped, moving=False), form(PLACES))
+    assert "jumps" in [one.check for one in found]
+
+
+def test_several_people_under_one_id(tmp_path):
+    table = people()
+    table[:, 0] //= 4
+    table[:, 1] %= 20
+    found = findings(write(tmp_path / "a.csv", table, moving=False), form(PLACES))
+    assert "repeated_rows" in [one.check for one in found]
+
+
+def test_longitude_and_latitude(tmp_path):
+    table = people()
+    table[:, 2] = 11.5 + table[:, 2] / 75_000
+    table[:, 3] = 48.1 + table[:, 3] / 111_000
+    path = tmp_path / "a.csv"
+    np.savetxt(path, table[:, :4], ["%d", "%.3f", "%.9f", "%.9f"], ",", header="id,t,x,y", comments="")
+    (found,) = [one for one in findings(path, form(PLACES)) if one.check == "walking_speed"]
+    assert "longitude" in found.remedy
+
+
+def test_rows_of_other_days_are_answered_with_the_unit_of_time(tmp_path):
+    table = people()
+    table[:, 1] += 1_772_438_400
+    for time, declared, remedy in (("ms", "s", "units: {time: ms}"), ("s", "ms", "units: {time: s}")):
+        path = write(tmp_path / f"{time}.csv", table, time=time, moving=False)
+        with pytest.raises(DataError) as error:
+            modlhmp.read_tracks(path, columns=PLACES, units={"time": declared}, day="2026-03-02")
+        assert remedy in str(error.value)
+    path = write(tmp_path / "relative.csv", moving=False)
+    with pytest.raises(DataError, match="start"):
+        modlhmp.read_tracks(path, columns=PLACES, day="2026-03-02")
+
+
+def test_every_check_is_described_once():
+    assert [one.name for one in CHECKS] == list(get_args(CheckName))
+    assert all(one.compares and one.remedy and one.severity for one in CHECKS)
+
+
+def test_an_account_without_rows_has_nothing_to_check():
+    assert check_recording(modlhmp.Tracks(*(np.empty(0) for _ in range(6))), Account(), form()) == []
