@@ -19,7 +19,7 @@ STAGES = [
     ("forecasting",),
     ("scoring",),
     ("networks",),
-    ("methods", "datasets"),
+    ("methods", "datasets", "split_checks"),
     ("futures", "arguments", "api", "contract"),
     ("cli",),
     ("study",),

@@ -1,6 +1,6 @@
 # The exhibits, named after the paper's labels: one rule per record of modlhmp.study.exhibits.
 #
-# INPUTS   paper_figures/{run}/results.csv; results/{run}/{dataset}: what each record needs
+# INPUTS   paper_figures/{run}/results.csv; results/{run}/{dataset}: what each record needs, and that its splits are checked
 # OUTPUTS  paper_figures/{run}/<name>.{csv,tex,md,html} of tables, .{csv,pdf,png} of figures
 # STEPS    table_{name}, figure_{name}; tables, figures, studies and runtime collect them
 
@@ -55,6 +55,7 @@ for exhibit in EXHIBITS:
             "../scripts/draw_exhibit.py"
 
 
+CHECKED = [LAYOUT.checks(name) for name in DATASETS]
 TABLE_FILES = [LAYOUT.scores, *files_of(lambda one: one.category == "Tables")]
 STUDY_FILES = files_of(lambda one: one.category == "Studies")
 FIGURE_FILES = files_of(lambda one: one.category not in {"Tables", "Studies"})
@@ -63,12 +64,14 @@ FIGURE_FILES = files_of(lambda one: one.category not in {"Tables", "Studies"})
 rule tables:
     """Every table of the run."""
     input:
+        CHECKED,
         TABLE_FILES,
 
 
 rule figures:
     """Every figure of the run except those of the studies."""
     input:
+        CHECKED,
         FIGURE_FILES,
 
 

@@ -1,8 +1,8 @@
 # Raw recordings to clean tracks: generated for the demo, fetched where a dataset file lists sources; otherwise the user is asked for them.
 #
 # INPUTS   nothing, a dataset file's `sources`, or raw files under data_root
-# OUTPUTS  raw files that are not there yet; results/{run}/{dataset}/tracks: clean recordings and their accounts
-# STEPS    make_demo_recording, make_demo_floor_plan | fetch_recording; clean_recording
+# OUTPUTS  raw files that are not there yet; results/{run}/{dataset}/tracks: clean recordings and their accounts, checks.json
+# STEPS    make_demo_recording, make_demo_floor_plan | fetch_recording; clean_recording; check_splits
 from modlhmp.study.demo import RECORDINGS as DEMO_RECORDINGS
 
 DEMO_FILES = {recording.file: recording for recording in DEMO_RECORDINGS}
@@ -124,3 +124,28 @@ rule clean_recording:
         "Clean {wildcards.dataset} {wildcards.recording}"
     script:
         "../scripts/clean_recording.py"
+
+
+rule check_splits:
+    """Compare all recordings of a dataset: nobody in both splits, tests where somebody trained."""
+    input:
+        tracks=tracks_of(None),
+    output:
+        LAYOUT.checks("{dataset}"),
+    log:
+        LAYOUT.log("check_splits", "{dataset}"),
+    priority: 1  # before maps and forecasts, which would be in vain
+    resources:
+        mem_mb=1000,
+        runtime=15,
+    params:
+        recordings=lambda wildcards: [
+            {key: getattr(one, key) for key in ("name", "path", "day", "split")}
+            for one in DATASETS[wildcards.dataset].recordings
+        ],
+        dataset=settings_of("accept", "strict"),
+        code=code_of("check_splits"),
+    message:
+        "Check the splits of {wildcards.dataset}"
+    script:
+        "../scripts/check_splits.py"

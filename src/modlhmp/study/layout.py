@@ -57,6 +57,10 @@ class Layout:
         """What became of every row and track of a recording."""
         return f"{self.results}/{dataset}/tracks/{recording}.account.json"
 
+    def checks(self, dataset: str) -> str:
+        """What checks of all recordings of a dataset together warn of."""
+        return f"{self.results}/{dataset}/tracks/checks.json"
+
     def map(self, dataset: str, kind: str) -> str:
         """A kind's map: a file, or the folder of its hours."""
         return f"{self.results}/{dataset}/maps/{find(kind).map_file}"

@@ -1,0 +1,73 @@
+"""People or contents in both splits, and test places where nobody trained, are noticed."""
+
+import numpy as np
+import pytest
+from planted import people
+
+from modlhmp.file_format import Recording
+from modlhmp.split_checks import check_splits
+from modlhmp.tracks import Tracks
+
+
+def tracks(number=12, shift_m=0.0, seed=3, first_id=0, begin=0.0, rows=20):
+    person, t, x, y, v, h = people(number=number, seed=seed, rows=rows).T
+    return Tracks(person.astype(np.int64) + first_id, t + begin, x + shift_m, y, v, h)
+
+
+def recording(name, split, day="2026-03-02"):
+    return Recording(day=day, split=split, name=name, path=name)
+
+
+def found(*pairs):
+    return {one.check: one for one in check_splits(pairs)}
+
+
+def test_other_people_at_the_same_place_are_fine():
+    train, test = tracks(number=60), tracks(number=20, seed=4, first_id=100)
+    assert found((recording("a", "train"), train), (recording("b", "test"), test)) == {}
+
+
+def test_ids_that_begin_anew_are_not_the_same_people():
+    train, test = tracks(number=60), tracks(number=20, seed=4, begin=3600.0)
+    for day in ("2026-03-02", "2026-03-03"):
+        assert found((recording("a", "train"), train), (recording("b", "test", day), test)) == {}
+
+
+def test_a_track_cut_between_the_splits_is_one_person():
+    whole = tracks(number=60, rows=40)
+    early = np.arange(len(whole.t)) % 40 < 20
+    told = found((recording("a", "train"), whole.take(early)), (recording("b", "test"), whole.take(~early)))
+    assert told["shared_people"].severity == "stop"
+    assert "60 of 60" in told["shared_people"].text
+
+
+def test_the_same_walks_under_other_ids_and_times():
+    train = tracks(number=60)
+    copied = tracks(number=60)._replace(track_id=train.track_id + 500, t=train.t + 86_400)
+    told = found((recording("a", "train"), train), (recording("b", "test", "2026-03-03"), copied))
+    assert told["shared_people"].severity == "stop"
+    assert "a and b" in told["shared_people"].text
+
+
+def test_one_copied_walk_among_many_is_a_warning():
+    train, test = tracks(number=200), tracks(number=200, seed=4, first_id=1000)
+    one = train.track_id == 5
+    test = Tracks(*(np.concatenate(pair) for pair in zip(test, train.take(one)._replace(
+        track_id=np.full(one.sum(), 5000)), strict=True)))  # fmt: skip
+    told = found((recording("a", "train"), train), (recording("b", "test", "2026-03-03"), test))
+    assert told["shared_people"].severity == "warn"
+    assert "1 of 201" in told["shared_people"].text
+
+
+def test_people_who_stand_are_no_copies():
+    train = tracks(number=30)
+    still = train._replace(x=np.ones(len(train.t)), y=np.ones(len(train.t)))
+    pairs = (recording("a", "train"), still), (recording("b", "test", "2026-03-03"), still)
+    assert "shared_people" not in found(*pairs)
+
+
+@pytest.mark.parametrize(("shift_m", "severity"), [(500.0, "stop"), (30.0, "warn"), (0.0, None)])
+def test_a_place_where_nobody_trained(shift_m, severity):
+    train, test = tracks(number=300), tracks(number=40, seed=4, first_id=1000, shift_m=shift_m)
+    told = found((recording("a", "train"), train), (recording("b", "test"), test))
+    assert (told["untrained_place"].severity if told else None) == severity
