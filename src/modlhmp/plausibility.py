@@ -22,7 +22,7 @@ from modlhmp.speed_units import explain, extent_of
 from modlhmp.storage import DataError
 from modlhmp.tracks import LEAST_JUMP_S, Tracks, usual_step
 
-LEAST_MOVES, LEAST_TRACKS, LEAST_ROWS = 15, 2, 15
+LEAST_MOVES, LEAST_TRACKS, LEAST_ROWS, LEAST_JUMPS = 15, 2, 15, 3
 STOP_MPS, WARN_MPS = (0.3, 3.0), (0.8, 1.8)  # median speeds outside are refused, or warned of
 STOP_RATIO, WARN_RATIO = (0.5, 2.0), (0.7, 1.4)  # of recorded speeds to displacements
 STOP_COSINE, WARN_COSINE = 0.4, 0.7  # mean, of recorded headings to displacements
@@ -191,7 +191,7 @@ def jumps(seen: Evidence) -> Told:
     same = np.diff(rows.track_id) == 0
     seconds = np.maximum(np.diff(rows.t)[same], LEAST_JUMP_S)
     jumped = int((np.hypot(np.diff(rows.x), np.diff(rows.y))[same] > limit * seconds).sum())
-    if len(seconds) < LEAST_ROWS or jumped <= JUMPS * len(seconds):
+    if jumped < LEAST_JUMPS or jumped <= JUMPS * len(seconds):
         return None
     told = f"{jumped} of {len(seconds)} displacements ({jumped / len(seconds):.0%}) are faster than {limit:g} m/s"
     return "warn", told, "do ids change hands? Check `columns: {track_id: ...}`; tracks are cut there (`max_jump_mps`)"

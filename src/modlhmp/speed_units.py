@@ -93,3 +93,12 @@ def _of_time(rows: Tracks, form: FileFormat) -> Iterator[Explanation]:
         for rate in RATES[1:]:
             handicap = 0.1 - _NEARER * (rate in _COMMON)
             yield Explanation(f"units: {{time: frame}}, frame_rate: {rate:g}", seconds * rate, 1.0, handicap)
+
+
+def rate_for(per_frame: float) -> float | None:
+    """The frame rate [1/s] at which `per_frame` [m] is a walking speed, usual rates preferred; None where none is."""
+    fitting = [rate for rate in RATES if WALKING_MPS[0] <= per_frame * rate <= WALKING_MPS[1]]
+    if not fitting:
+        return None
+    handicap = {rate: -_NEARER * (rate in _COMMON) for rate in fitting}
+    return float(min(fitting, key=lambda rate: abs(np.log(per_frame * rate / USUAL_MPS)) + handicap[rate]))

@@ -21,6 +21,7 @@ STAGES = [
     ("networks",),
     ("methods", "datasets", "split_checks"),
     ("futures", "arguments", "api", "contract"),
+    ("inspection",),
     ("cli",),
     ("study",),
 ]  # fmt: skip

@@ -1,0 +1,148 @@
+"""A look at a recording, or at a dataset file, before any run: what it is, what looks wrong, and a draft to edit."""
+
+import dataclasses
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from modlhmp.datasets import Dataset, load_dataset
+from modlhmp.file_format import Recording
+from modlhmp.inspection.draft import draft, time_step
+from modlhmp.inspection.facts import Facts, look_at
+from modlhmp.inspection.guess import days_of, guess
+from modlhmp.inspection.page import page
+from modlhmp.inspection.picture import draw, some_tracks, text_map
+from modlhmp.logs import progress
+from modlhmp.plausibility import Finding
+from modlhmp.readers import read_recording
+from modlhmp.split_checks import check_splits, trained_share
+from modlhmp.storage import DataError, write_text
+from modlhmp.tracks import Tracks, empty_tracks, together, usual_step
+
+Table = tuple[str, list[tuple[str, str]]]
+# Of a run without networks, from docs/scaling.md: seconds of one core for each 1,000 test tracks and second of horizon,
+# and for each MB of raw files, beside what every run takes; memory of the largest job [MB].
+_BASE_S, _PER_TRACK_S, _PER_MB_S, _MEMORY_MB = 100.0, 0.07, 0.013, 700
+
+
+@dataclass
+class Inspection:
+    """What was found: tables of facts, findings with what they are of, tracks to draw, a draft where there is one."""
+
+    title: str
+    tables: list[Table]
+    findings: list[tuple[str, Finding]]
+    tracks: Tracks
+    draft: str = ""
+    accept: tuple[str, ...] = ()
+    strict: bool = False
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def stops(self) -> bool:
+        """Whether a run would stop."""
+        return any(one.check not in self.accept and (one.severity == "stop" or self.strict) for _, one in self.findings)
+
+    def told(self) -> list[tuple[str, str, str]]:
+        """The findings as (severity, of what, text)."""
+        return [
+            ("warn" if one.check in self.accept else one.severity, of,
+             f"{one}" if one.check not in self.accept else f"{one.check} (accepted): {one.text}")
+            for of, one in self.findings
+        ]  # fmt: skip
+
+    def summary(self) -> str:
+        """All of it as text for a terminal."""
+        parts = [self.title, "=" * len(self.title), text_map(self.tracks)]
+        for heading, rows in self.tables:
+            wide = max((len(name) for name, _ in rows), default=0)
+            parts += ["", heading, *(f"  {name.ljust(wide)}  {text}" for name, text in rows)]
+        words = {"stop": "LOOKS WRONG", "warn": "WARNING"}
+        parts += ["", *(f"{words[severity]}: {of}: {text}" for severity, of, text in self.told())]
+        return "\n".join([*parts, *([] if self.findings else ["Nothing looks wrong."]), *self.notes])
+
+    def write(self, folder: str | Path, name: str) -> list[Path]:
+        """Write the picture and the page into a folder; the picture is left out without matplotlib."""
+        picture, html = Path(folder, f"{name}.inspect.png"), Path(folder, f"{name}.inspect.html")
+        files = [picture, html]
+        try:
+            try:
+                draw(self.tracks, self.title, picture)
+            except ImportError:
+                self.notes.append("No picture: drawing needs matplotlib, pip install 'modlhmp[study]'")
+                files = [html]
+            shown = picture if picture in files else None
+            write_text(html, page(self.title, self.tables, self.told(), shown, self.draft))
+        except OSError as error:
+            raise DataError(f"{folder}: cannot be written to ({error.strerror}); name a folder by --to") from None
+        return files
+
+
+def inspect_file(path: str | Path, data_root: str | Path | None = None) -> Inspection:
+    """Guess how a recording is written, look at it, and draft its dataset file.
+
+    `data_root` is the folder that the draft's path is relative to, if the file lies in it. `DataError` where no form
+    gives people who move.
+    """
+    path = Path(path)
+    found = guess(path)
+    rows, _ = read_recording(path, found.form)
+    found.keys["time_step_s"] = time_step(usual_step(rows))
+    day, days = days_of(rows) if found.clock else ("", 1)
+    recording = Recording(day=day, days=days, name=path.stem, path=str(path), stored=str(path))
+    facts = look_at(path, found.form, recording, found.clock)
+    if facts.fault:
+        raise DataError(facts.fault)
+    written = draft(_under(path, data_root), found, facts)
+    guessed = [(key, f"{value!r}".strip("'") + (f" ({found.asks[key]})" if key in found.asks else ""))
+               for key, value in found.keys.items()]  # fmt: skip
+    tables: list[Table] = [("The file, as guessed", guessed), ("The recording", facts.lines())]
+    return Inspection(str(path), tables, [(path.name, one) for one in facts.findings], facts.clean, written)
+
+
+def inspect_dataset(path: str | Path, data_root: str | Path) -> Inspection:
+    """Look at every recording of a dataset file, and at its splits; `DataError` where the file is wrong itself."""
+    dataset = load_dataset(path, data_root)
+    if missing := [one.path for one in dataset.recordings if not one.exists]:
+        raise DataError(f"{missing[0]}: no such file; put the recording there, or name its folder by --data-root")
+    tables: list[Table] = []
+    findings: list[tuple[str, Finding]] = []
+    some: list[Tracks] = []
+    looked: list[Facts] = []
+    for one in progress(dataset.recordings, desc=dataset.name):
+        file = Path(one.stored, one.member) if one.member else Path(one.path)
+        facts = look_at(file, dataset, one, bool(one.day) and one.start is None)
+        told = [*facts.lines(), *([("fault", facts.fault)] if facts.fault else [])]
+        tables.append((f"{one.name} ({one.split}, {one.day or 'unknown day'})", told))
+        findings += [(one.name, found) for found in facts.findings]
+        some.append(some_tracks(facts.clean, max(20, 600 // len(dataset.recordings))))
+        looked.append(dataclasses.replace(facts, raw=empty_tracks()))
+    findings += [(dataset.name, one) for one in check_splits((one.recording, one.clean) for one in looked)]
+    tables.insert(0, ("The dataset", _of_dataset(dataset, looked)))
+    shown = together(some)
+    return Inspection(f"{dataset.title} ({path})", tables, findings, shown, "", dataset.accept, dataset.strict)
+
+
+def _of_dataset(dataset: Dataset, looked: list[Facts]) -> list[tuple[str, str]]:
+    """What is told of all recordings together."""
+    tracks = {split: sum(len(one.clean.bounds()) - 1 for one in looked if one.recording.split == split)
+              for split in ("train", "test")}  # fmt: skip
+    parts = [[one.clean for one in looked if one.recording.split == split] for split in ("train", "test")]
+    raw = sum({one.recording.stored: one.megabytes for one in looked}.values())
+    seconds = _BASE_S + _PER_MB_S * raw + _PER_TRACK_S / 1000 * tracks["test"] * dataset.horizon_s
+    days = {one.recording.day or one.recording.path for one in looked}
+    return [
+        ("recordings", f"{len(looked)}, of {len(days)} days, from files of {raw:,.3g} MB"),
+        ("tracks", f"{tracks['train']:,} to train on, {tracks['test']:,} to test on"),
+        ("test rows on the training map", f"{trained_share(*parts):.0%} are in 1 m cells with training rows"),
+        ("a run takes", f"about {max(seconds / 60, 1):.0f} min of one core for each seed and {_MEMORY_MB} MB, without "
+         "networks, whose trainings take up to an hour each; within a factor of two or three"),
+    ]  # fmt: skip
+
+
+def _under(path: Path, data_root: str | Path | None) -> str:
+    """A file's path under the data root, or the whole one."""
+    root = Path(data_root).resolve() if data_root else None
+    if root and path.resolve().is_relative_to(root):
+        return os.path.relpath(path.resolve(), root)
+    return str(path.resolve())

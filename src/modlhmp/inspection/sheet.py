@@ -1,0 +1,119 @@
+"""The first lines of a text file as a table: its separator, decimal mark, comments, preamble and header."""
+
+import codecs
+import itertools
+from collections import Counter
+from pathlib import Path
+from typing import NamedTuple
+
+from modlhmp.readers.numerals import number
+from modlhmp.readers.raw import line_blocks
+from modlhmp.storage import DataError
+
+MOST_LINES = 20_000
+_COMMENTS = "#%"
+_SEPARATORS = (";", "\t", ",", "|", None)  # None: blanks; of those that fit as well, the first one
+_UNITS = {"s", "ms", "m", "cm", "mm", "m/s", "rad", "deg", "-", "", "[s]", "[m]", "[mm]", "[m/s]"}
+_BINARY = {
+    b"\x89HDF": "HDF5", b"SQLite format 3": "SQLite", b"PAR1": "Parquet", b"PK\x03\x04": "a zip archive or a workbook",
+    b"\x93NUMPY": "a numpy array", b"\x80": "a pickle", b"MATLAB": "a MATLAB file", b"ARROW1": "Arrow",
+}  # fmt: skip
+
+
+class Sheet(NamedTuple):
+    """How a text file is written, and the fields of its first rows, all of the same number.
+
+    `separator` None: blanks; `skip_lines`: before the header or the first row, comments not counted where they are
+    known as such; `names`: those of the header, or of a comment that looks like one (`header` says which); `rows` are
+    the raw fields; `comments` the comment lines.
+    """
+
+    separator: str | None
+    decimal: str
+    comment: str | None
+    skip_lines: int
+    header: bool
+    names: list[str]
+    rows: list[list[str]]
+    comments: list[str]
+
+
+def first_lines(path: str | Path) -> list[str]:
+    """The first lines of a text file; `DataError` where it is none, or in an encoding that readers do not take."""
+    lines: list[str] = []
+    for block in line_blocks(path):
+        if not lines:
+            kind = next((name for start, name in _BINARY.items() if block.startswith(start)), None)
+            if kind or b"\0" in block[:4096].replace(codecs.BOM_UTF16_LE, b""):
+                what = kind or "not text, or text in UTF-16"
+                raise DataError(f"{path}: is {what}; export it as CSV in UTF-8, one row for each person and time")
+        lines += block.removeprefix(codecs.BOM_UTF8).decode("utf-8", "replace").splitlines()
+        if len(lines) >= MOST_LINES:
+            break
+    return lines[:MOST_LINES]
+
+
+def read_sheet(path: str | Path, lines: list[str]) -> Sheet:
+    """The table that a file's first lines hold; `DataError` where no form gives one of four columns or more."""
+    first = next((line.lstrip()[0] for line in lines if line.strip()), "")
+    comment = first if first in _COMMENTS and first else None
+    kept = [(n, line) for n, line in enumerate(lines) if line.strip() and not (comment and line.lstrip()[0] == comment)]
+    if comment is None and any(line.startswith("#") for _, line in kept):  # only between the rows
+        comment = "#"
+        kept = [(n, line) for n, line in kept if not line.startswith("#")]
+    best = max((_fits([line for _, line in kept], separator) for separator in _SEPARATORS), key=lambda fit: fit[0])
+    score, separator, decimal, width, numeric = best
+    if score <= 0:
+        shown = next((line for _, line in kept), "")[:80]
+        raise DataError(f"{path}: holds no table of an id, a time and two positions in each line; it begins {shown!r}")
+    table = [(n, _fields(line, separator)) for n, line in kept]
+    begin = next(i for i, (_, row) in enumerate(table) if len(row) == width and _is_data(row, numeric, decimal))
+    above = [(n, row) for n, row in itertools.islice(table, max(begin - 2, 0), begin) if len(row) == width]
+    if len(above) == 2 and not {field.lower() for field in above[1][1]} <= _UNITS:
+        above = above[1:]  # the line before the names is of a preamble
+    comments = [line.strip() for line in lines if comment and line.strip().startswith(comment)]
+    names = above[0][1] if above else _names_in(comments, width)
+    number_of_line = above[0][0] if above else table[begin][0]
+    before = [n for n, _ in kept if n < number_of_line]
+    rows = [row for _, row in table[begin:] if len(row) == width]
+    return Sheet(separator, decimal, comment, number_of_line if before else 0, bool(above), names, rows, comments)
+
+
+def _fits(lines, separator):
+    """How well a separator fits: (score, separator, decimal mark, columns, which of them are of numbers)."""
+    sample = lines[len(lines) // 5 :][:300]  # not a preamble
+    rows = [_fields(line, separator) for line in sample]
+    counts = Counter(map(len, rows))
+    width, often = max(counts.items(), key=lambda item: (item[1], item[0])) if counts else (0, 0)
+    best: tuple[float, str | None, str, int, list[int]] = (0.0, separator, ".", width, [])
+    if width < 4:
+        return best
+    rows = [row for row in rows if len(row) == width]
+    for decimal in (".", ",") if separator != "," else (".",):
+        numeric = [
+            column
+            for column in range(width)
+            if sum(number(row[column], decimal) is not None for row in rows) >= 0.8 * len(rows)
+        ]
+        score = len(numeric) * often / len(sample)
+        if len(numeric) >= 2 and score > best[0]:
+            best = (score, separator, decimal, width, numeric)
+    return best
+
+
+def _fields(line, separator):
+    parts = line.split() if separator is None else line.split(separator)
+    return [part.strip().strip('"').strip() for part in parts]
+
+
+def _is_data(row, numeric, decimal):
+    return all(number(row[column], decimal) is not None for column in numeric) and any(row[c] for c in numeric)
+
+
+def _names_in(comments, width):
+    """Names of the columns in the last comment that has as many words as there are columns."""
+    for line in reversed(comments):
+        words = line.strip("#% ").replace(",", " ").replace(";", " ").split()
+        if len(words) == width and not any(number(word) is not None for word in words):
+            return words
+    return []

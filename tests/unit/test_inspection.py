@@ -1,0 +1,257 @@
+"""`modlhmp inspect`: what it guesses of a file, the draft that it prints, and what it says of a dataset."""
+
+import html.parser
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from planted import MOVING, PLACES, people, write
+from typer.testing import CliRunner
+
+from modlhmp.cleaning import clean_recording
+from modlhmp.cli import app
+from modlhmp.datasets import load_dataset
+from modlhmp.inspection import inspect_dataset, inspect_file
+from modlhmp.inspection.guess import guess
+from modlhmp.inspection.page import page
+from modlhmp.inspection.picture import text_map
+from modlhmp.storage import DataError
+from modlhmp.study.demo import write_recording
+from modlhmp.tracks import empty_tracks
+
+CASES = Path(__file__).parents[1] / "cases"
+NUMBERED = {"track_id": 1, "t": 0, "x": 2, "y": 3}
+
+
+def draft_of(path, folder):
+    """The draft for a file, written as a dataset file; its keys, and the dataset as loaded."""
+    found = inspect_file(path, folder)
+    dataset = folder / "drafted.yaml"
+    dataset.write_text(found.draft, encoding="utf-8")
+    return yaml.safe_load(found.draft), load_dataset(dataset, folder)
+
+
+@pytest.mark.parametrize("moving", [True, False])
+@pytest.mark.parametrize(
+    ("written", "units"),
+    [
+        ({}, {}),
+        ({"length": "cm", "speed": "cm/s"}, {"length": "cm"}),
+        ({"length": "mm", "speed": "m/s"}, {"length": "mm", "speed": "m/s"}),
+        ({"time": "ms"}, {"time": "ms"}),
+        ({"speed": "km/h", "angle": "deg"}, {"speed": "km/h", "angle": "deg"}),
+        ({"heading": "compass", "angle": "deg"}, {"heading": "compass", "angle": "deg"}),
+        ({"heading": "from_x_clockwise"}, {"heading": "from_x_clockwise"}),
+    ],
+)
+def test_a_draft_reads_what_was_written(tmp_path, written, units, moving):
+    truth = people(number=30, rows=20)
+    path = write(tmp_path / "monday.csv", truth, moving=moving, **written)
+    keys, dataset = draft_of(path, tmp_path)
+    if not moving:
+        units = {name: unit for name, unit in units.items() if name in ("length", "time")}
+    assert keys.get("units", {}) == units
+    assert keys["columns"] == (MOVING if moving else PLACES)
+    assert keys["velocity"] == ("as_recorded" if moving else "differences")
+    rows = sum(len(clean_recording(one.path, dataset, one)[0].t) for one in dataset.recordings)
+    assert rows == len(truth)
+    for one in dataset.recordings:
+        tracks, account = clean_recording(one.path, dataset, one)
+        assert "warnings" not in account
+        assert np.nanmedian(tracks.speed) == pytest.approx(1.3, abs=0.3)
+
+
+def test_columns_are_found_without_a_header_in_any_order(tmp_path):
+    person, t, x, y, v, h = people(number=30).T
+    order = np.argsort(t, kind="stable")
+    height = np.random.default_rng(1).normal(1.7, 0.1, len(t))
+    table = np.column_stack([t, person + 100, x, y, height, v, h])[order]
+    np.savetxt(tmp_path / "a.txt", table, "%.4f", "\t")
+    found = guess(tmp_path / "a.txt")
+    assert found.keys["columns"] == {**NUMBERED, "speed": 5, "heading": 6}
+    np.savetxt(tmp_path / "b.txt", np.column_stack([person, np.round(25 * t), x, y]), ["%d", "%d", "%.3f", "%.3f"])
+    found = guess(tmp_path / "b.txt")
+    assert found.keys["reader"] == "text"
+    assert found.keys["columns"] == {"track_id": 0, "t": 1, "x": 2, "y": 3}
+    assert found.keys["units"] == {"time": "frame"}
+    assert found.keys["frame_rate"] == 25
+    assert "frame_rate" in found.asks
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("01-underscore-ids/n-dates.csv", {"columns": PLACES, "header": True}),
+        ("03-standing-nan-heading/empty.csv", {"columns": MOVING}),
+        ("04-degrees-as-radians/data.csv", {"columns": MOVING, "units": {"angle": "deg"}}),
+        ("05-juelich-txt/data.txt", {"reader": "text", "frame_rate": 10.0, "units": {"time": "frame"},
+                                     "columns": {"track_id": 0, "t": 1, "x": 2, "y": 3}}),
+        ("05-juelich-txt/comments-inside.csv", {"comment": "#", "columns": PLACES}),
+        ("06-eth-obsmat/tabs.txt", {"separator": "\t", "columns": NUMBERED, "units": {"time": "frame"}}),
+        ("07-decimal-comma/data.csv", {"separator": ";", "decimal": ",", "columns": PLACES}),
+        ("08-iso-time/data.csv", {"units": {"time": "iso"}}),
+        ("09-nanoseconds/data.csv", {"units": {"time": "ns"}}),
+        ("10-text-ids/data.csv", {"columns": PLACES}),
+        ("13-bom-crlf/data.csv", {"separator": ";", "header": True, "columns": PLACES}),
+        ("13-bom-crlf/cr-only.csv", {"columns": PLACES}),
+        ("14-big-ids/data.csv", {"columns": PLACES}),
+        ("15-time-order/data.csv", {"columns": PLACES}),
+        ("17-viswalk-preamble/data.pp", {"separator": ";", "skip_lines": 4, "header": True, "columns": {
+            "track_id": "NO", "t": "$PEDESTRIAN:SIMSEC", "x": "COORDCENTX", "y": "COORDCENTY"}}),
+        ("18-pixels/data.csv", {"units": {"time": "frame", "length": "px"}, "columns": {**PLACES, "t": "frame"}}),
+        ("19-ndjson/data.ndjson", {"reader": "trajnet", "frame_rate": 10.0}),
+    ],
+)  # fmt: skip
+def test_what_strangers_bring_is_guessed(name, expected):
+    keys = guess(CASES / name).keys
+    assert {key: keys.get(key) for key in expected} == expected
+
+
+@pytest.mark.parametrize("name", ["16-slow-recorder/data.csv", "16-slow-recorder/six.csv", "20-dst/autumn-unix.csv",
+                                  "11-id-reused/data.csv", "02-id-switch/data.csv"])  # fmt: skip
+def test_a_draft_of_a_small_file_is_one_that_loads(tmp_path, name):
+    path = shutil.copy(CASES / name, tmp_path / "a.csv")
+    keys, _ = draft_of(path, tmp_path)
+    step = {"16-slow-recorder/data.csv": 10, "16-slow-recorder/six.csv": 6}.get(name)
+    assert keys.get("time_step_s") == step
+
+
+@pytest.mark.parametrize(("site", "reader"), [("hall", "delimited"), ("forum", "edinburgh")])
+def test_the_demo_s_raw_files(tmp_path, site, reader):
+    write_recording(tmp_path / "day.txt", site, "2030-10-02", seed=1, scale=0.1)
+    keys, dataset = draft_of(tmp_path / "day.txt", tmp_path)
+    assert keys["reader"] == reader
+    if site == "hall":
+        assert keys["columns"] == {**NUMBERED, "speed": 5, "heading": 6}
+        assert keys["units"] == {"length": "mm"}
+        assert str(keys["recordings"][0]["day"]).startswith("2030-10-0")
+    for one in dataset.recordings:
+        clean_recording(one.path, dataset, one)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "the file is empty"),
+        (b"PAR1\0\0", "Parquet"),
+        (b"PK\x03\x04....", "a zip archive or a workbook"),
+        ("t,id,x,y\n0,1,2,3\n".encode("utf-16"), "UTF-16"),
+        (b"Dear Sir or Madam,\n\nplease find enclosed\n", "holds no table"),
+        (b"a,b,c,d\n" + b"1,2,3,4\n5,1,8,2\n" * 20, "no choice of id, time, x and y"),
+        (b"\0" * 100, "not text"),
+    ],
+)
+def test_what_is_no_recording_is_refused_in_one_line(tmp_path, content, told):
+    path = tmp_path / "odd.csv"
+    path.write_bytes(content)
+    with pytest.raises(DataError) as error:
+        inspect_file(path)
+    assert told in str(error.value)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def dataset_file(folder, **keys):
+    listed = {
+        "title": "Here", "reader": "delimited", "timezone": "UTC", "header": True, "columns": PLACES, "horizon_s": 10,
+        "velocity": "differences", "citation": "none", "terms": "none",
+        "recordings": [{"files": "a.csv", "day": "2026-03-02", "start": "09:00", "split": "train"},
+                       {"files": "b.csv", "day": "2026-03-03", "start": "09:00", "split": "test"}],
+        **keys,
+    }  # fmt: skip
+    path = folder / "here.yaml"
+    path.write_text(yaml.safe_dump(listed), encoding="utf-8")
+    return path
+
+
+def recordings(folder, **form):
+    write(folder / "a.csv", people(number=200), moving=False, **form)
+    write(folder / "b.csv", people(number=60, seed=4), moving=False, **form)
+
+
+def test_a_good_dataset(tmp_path):
+    recordings(tmp_path)
+    found = inspect_dataset(dataset_file(tmp_path), tmp_path)
+    assert not found.findings
+    assert not found.stops
+    told = found.summary()
+    for text in ("200 to train on, 60 to test on", "Nothing looks wrong", "a run takes", "clock hours 9", "m/s"):
+        assert text in told
+
+
+def test_a_dataset_in_a_wrong_unit_names_every_recording(tmp_path):
+    recordings(tmp_path, length="cm")
+    found = inspect_dataset(dataset_file(tmp_path), tmp_path)
+    assert found.stops
+    assert {of for of, one in found.findings if one.check == "walking_speed"} == {"a", "b"}
+    assert "units: {length: cm}" in found.summary()
+    accepted = inspect_dataset(dataset_file(tmp_path, accept=["walking_speed", "untrained_place"]), tmp_path)
+    assert not accepted.stops
+    assert "(accepted)" in accepted.summary()
+
+
+def test_the_same_walks_in_both_splits(tmp_path):
+    write(tmp_path / "a.csv", people(number=60), moving=False)
+    renamed = people(number=60)
+    renamed[:, 0] += 1000
+    write(tmp_path / "b.csv", renamed, moving=False)
+    found = inspect_dataset(dataset_file(tmp_path), tmp_path)
+    assert [one.check for _, one in found.findings] == ["shared_people"]
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["inspect", *map(str, arguments)])
+
+
+def test_the_command_prints_a_draft_and_writes_a_picture_and_a_page(tmp_path):
+    path = write(tmp_path / "monday.csv", people(number=30), moving=False)
+    result = run(path, "--to", tmp_path, "--data-root", tmp_path)
+    assert result.exit_code == 0
+    assert yaml.safe_load(result.stdout)["recordings"][0]["files"] == "monday.csv"
+    assert "walking speed" in result.stderr
+    assert (tmp_path / "monday.inspect.png").read_bytes().startswith(b"\x89PNG")
+    text = (tmp_path / "monday.inspect.html").read_text(encoding="utf-8")
+    assert "data:image/png;base64," in text
+    assert "http" not in text
+    assert "split: {by:" in text
+
+
+def test_the_command_s_status_says_whether_a_run_would_stop(tmp_path):
+    recordings(tmp_path)
+    assert run(dataset_file(tmp_path), "--to", tmp_path, "--data-root", tmp_path).exit_code == 0
+    recordings(tmp_path, length="cm")
+    assert run(dataset_file(tmp_path), "--to", tmp_path, "--data-root", tmp_path).exit_code == 1
+    (tmp_path / "a.csv").unlink()
+    result = run(dataset_file(tmp_path), "--to", tmp_path, "--data-root", tmp_path)
+    assert isinstance(result.exception, DataError)
+    assert "--data-root" in str(result.exception)
+
+
+def test_without_matplotlib_there_is_a_page_all_the_same(tmp_path, monkeypatch):
+    for module in ("matplotlib", "matplotlib.figure", "matplotlib.collections"):
+        monkeypatch.setitem(sys.modules, module, None)
+    path = write(tmp_path / "monday.csv", people(number=30), moving=False)
+    result = run(path, "--to", tmp_path)
+    assert result.exit_code == 0
+    assert "pip install 'modlhmp[study]'" in result.stderr
+    assert not (tmp_path / "monday.inspect.png").exists()
+    assert (tmp_path / "monday.inspect.html").exists()
+
+
+def test_the_page_shows_text_as_text():
+    made = page("<b>&", [("<i>", [("<script>", "a<b")])], [("warn", "<u>", "1 < 2 & 3")], None, "<draft>")
+    seen = []
+
+    class Reader(html.parser.HTMLParser):
+        def handle_starttag(self, tag, attrs):
+            seen.append(tag)
+
+    Reader().feed(made)
+    assert not {"script", "i", "u", "draft"} & set(seen)
+
+
+def test_nobody_is_drawn_as_nothing():
+    assert text_map(empty_tracks()) == ""
