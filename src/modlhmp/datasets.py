@@ -1,9 +1,7 @@
 """Dataset files: one YAML file says how the recordings of one place are read, split, cleaned and shown."""
 
 import dataclasses
-import glob
 import math
-import os
 import re
 from dataclasses import dataclass
 from datetime import date
@@ -15,7 +13,7 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 from modlhmp.cleaning import FOLDS, are_polygons, check_rules
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.floor_plan import image_of
-from modlhmp.readers.raw import COMPRESSED, find_recording
+from modlhmp.readers.files import check_different, find_files, names_of, recording_at
 from modlhmp.settings import check, option
 from modlhmp.site import Site, check_site
 from modlhmp.storage import DataError
@@ -29,7 +27,7 @@ REQUIRED = ("title", "reader", "timezone", "recordings", "horizon_s", "velocity"
 class Files:
     """An entry of `recordings`: files of one day and split."""
 
-    files: str = option(meaning="path or glob under `data_root`")
+    files: str = option(meaning="path or glob under `data_root`; `**` stands for any number of folders, also none")
     day: str = option(meaning="local date, such as 2012-10-24")
     start: str | None = option(
         None, 'local clock time of the file\'s time 0, quoted, such as "09:00"; without it times are unix seconds'
@@ -132,11 +130,8 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
     name = Path(path).stem
     label = file.label or name
     _check_dataset(path, file, label)
-    root = demo_root if file.demo and demo_root else data_root
-    recordings = tuple(found for entry in file.recordings for found in _resolve(path, entry, root))
-    names = [one.name for one in recordings]
-    if twice := {one for one in names if names.count(one) > 1}:
-        raise DataError(f"{path}: two recordings are named {', '.join(sorted(twice))}; give the files different names")
+    root = Path(demo_root if file.demo and demo_root else data_root).expanduser()
+    recordings = _recordings(path, file, root)
     for split in ("train", "test"):
         if not any(one.split == split for one in recordings):
             raise DataError(
@@ -245,43 +240,22 @@ def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ..
     return str(plan), str(image_of(plan))
 
 
-def _resolve(path: str | Path, entry: Files, data_root: str | Path) -> list[Recording]:
-    """One `recordings` entry to the recordings it stands for."""
+def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Recording, ...]:
+    """The recordings that the entries stand for, each with its own name."""
+    found = []
+    for entry in file.recordings:
+        _check_day(path, entry.day)
+        files = find_files(path, entry.files, root)
+        found += [recording_at(one, root, entry.day, entry.start, entry.split) for one in files]
+    check_different(path, found)
+    names = names_of(path, found)
+    return tuple(dataclasses.replace(one, name=name) for one, name in zip(found, names, strict=True))
+
+
+def _check_day(path: str | Path, day: str) -> None:
     try:
-        date.fromisoformat(entry.day)
+        date.fromisoformat(day)
     except ValueError:
-        raise DataError(f"{path}: day {entry.day!r} is not a date like 2012-10-24") from None
-    if not re.fullmatch(r"\d{4}-\d\d-\d\d", entry.day):
-        raise DataError(f"{path}: day {entry.day!r} is not a date like 2012-10-24")
-    root, listed = Path(data_root), entry.files
-    found = [find_recording(root / listed)]
-    if glob.has_magic(listed):
-        found = [root / file for file in sorted(glob.glob(listed, root_dir=root))]
-    if not found:
-        raise DataError(
-            f"{path}: no file matches {root / listed}; correct `files`, or `data_root` in the configuration"
-        )
-    return [
-        Recording(
-            name=_stem(file or listed), path=str(file or root / listed), stored=stored, member=member,
-            file=os.path.relpath(stored, root), exists=file is not None, day=entry.day, start=entry.start,
-            split=entry.split,
-        )
-        for file in found
-        for stored, member in [_stored(file or root / listed)]
-    ]  # fmt: skip
-
-
-def _stored(file: str | Path) -> tuple[str, str | None]:
-    """The file on disk that holds a recording, and the member of it that `archive.zip/member.csv` names."""
-    before, inside, member = str(file).partition(".zip/")
-    return (before + ".zip", member) if inside else (str(file), None)
-
-
-def _stem(file: str | Path) -> str:
-    """Name of a recording: its file's without the suffixes."""
-    name = Path(file).name
-    for suffix in COMPRESSED:
-        name = name.removesuffix(suffix)
-    stem, _, suffix = name.rpartition(".")
-    return stem if stem and suffix in {"csv", "txt", "tsv", "ndjson", "dat"} else name
+        raise DataError(f"{path}: day {day!r} is not a date like 2012-10-24") from None
+    if not re.fullmatch(r"\d{4}-\d\d-\d\d", day):
+        raise DataError(f"{path}: day {day!r} is not a date like 2012-10-24")
