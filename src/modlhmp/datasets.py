@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import os
 import re
 from dataclasses import dataclass
 from datetime import date
@@ -130,7 +131,7 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
     name = Path(path).stem
     label = file.label or name
     _check_dataset(path, file, label)
-    root = Path(demo_root if file.demo and demo_root else data_root).expanduser()
+    root = Path(os.path.expanduser(demo_root if file.demo and demo_root else data_root))
     recordings = _recordings(path, file, root)
     for split in ("train", "test"):
         if not any(one.split == split for one in recordings):

@@ -558,6 +558,7 @@ def test_a_tilde_is_the_home_folder(load, tmp_path, monkeypatch):
     days(tmp_path / "walks", ["a.csv", "b.csv"])
     for root in ("~/walks", Path("~/walks")):
         assert [one.path for one in load(root=root).recordings] == [str(tmp_path / f"walks/{n}.csv") for n in "ab"]
+    assert load(root="~nobody_of_this_name/walks").recordings[0].path == "~nobody_of_this_name/walks/a.csv"
 
 
 def test_recordings_may_not_be_written_to(load, tmp_path):
