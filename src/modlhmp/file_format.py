@@ -178,7 +178,7 @@ class Recording:
     the first.
     """
 
-    day: str
+    day: str = ""
     start: str | None = None
     split: str = "train"
     name: str = ""

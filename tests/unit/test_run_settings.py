@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 from itertools import pairwise
 from pathlib import Path
 
@@ -716,3 +717,35 @@ def test_without_a_clock_there_are_no_maps_by_hours(config):
     run = load({**config, "run": "mine", "datasets": ["hotel"]})
     with pytest.raises(DataError, match=r"hotel\.yaml: its `clock` is unknown.*leave tc_cliff, .*stef"):
         load_datasets(run, DATASETS, "nowhere", "demo")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("{x}.csv", "the character '{'"), ("x}.csv", "the character '}'"), ("<wild>.csv", "the character '<'"),
+        ("{day}/b.csv", "the character '{'"), ("new\nline.csv", r"the character '\n'"),
+        (os.fsdecode(b"caf\xe9.csv"), r"the character '\udce9'"), ("ü" * 101 + ".csv", "at most 200 bytes"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("missing", [False, True], ids=["there", "missing"])
+def test_names_that_the_workflow_cannot_take_are_refused(tmp_path, config, name, told, missing):
+    """Its wildcards, ends of lines, bytes that are no text, and what leaves no room for a suffix."""
+    if not missing:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("0,0,0,0\n")
+    listed = {
+        "title": "Own", "reader": "delimited", "timezone": "UTC", "horizon_s": 10, "velocity": "differences",
+        "columns": {"t": 0, "track_id": 1, "x": 2, "y": 3}, "citation": "made up", "terms": "free",
+        "recordings": [
+            {"files": "a.txt", "day": "2010-07-01", "start": "09:00", "split": "train"},
+            {"files": "caf*.csv" if "\udce9" in name else name, "day": "2010-07-02", "start": "09:00", "split": "test"},
+        ],
+    }  # fmt: skip
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(listed))
+    run = load_run({**config, "run": "own", "datasets": ["mine"]}, tmp_path)
+    if missing and "\udce9" in name:
+        told = "no file matches"  # YAML cannot name such bytes
+    with pytest.raises(DataError, match=r"mine\.yaml: ") as error:
+        load_datasets(run, tmp_path, tmp_path, "demo")
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)

@@ -12,6 +12,9 @@ from modlhmp.settings import check, unknown
 from modlhmp.storage import DataError
 from modlhmp.study.settings import RunSettings
 
+MOST_NAME_BYTES = 200  # of a recording: file systems allow 255, and results have suffixes
+_UNFIT = re.compile(r"[{}<>\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # wildcards, ends of lines, undecodable bytes
+
 
 def load_run(config: Mapping[str, Any], datasets_folder: str | Path) -> RunSettings:
     """The run that a configuration describes; `DataError` that names every key that is wrong, and the remedy."""
@@ -139,6 +142,7 @@ def load_datasets(
                 f"{Path(folder) / dataset.name}.yaml: its `clock` is unknown, so there are no maps by hours: leave "
                 f"{', '.join(hourly)} out of `compare` and the ladder"
             )
+        _check_paths(dataset, Path(folder) / f"{dataset.name}.yaml")
     if run.evaluate_on == "validation":
         return {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":
@@ -161,3 +165,19 @@ def _check_tuned(run: RunSettings, dataset: Dataset, file: Path) -> None:
             run.method(name, dataset.tuned)
         except DataError as error:
             raise DataError(f"{source}: {error}") from None
+
+
+def _check_paths(dataset: Dataset, file: Path) -> None:
+    """Whether Snakemake can take the paths of recordings, and ours their names."""
+    for path in (*(one.stored for one in dataset.recordings), *dataset.floor_plan):
+        if unfit := _UNFIT.search(path):
+            raise DataError(
+                f"{file}: {path!r}: Snakemake cannot take the character {unfit[0]!r} in a path; rename the file or "
+                "folder, or link to it under another name"
+            )
+    for one in dataset.recordings:
+        if len(one.name.encode()) > MOST_NAME_BYTES:
+            raise DataError(
+                f"{file}: recording {one.name!r}: the names of its results would be too long; rename {one.path!r} to "
+                f"at most {MOST_NAME_BYTES} bytes"
+            )
