@@ -12,6 +12,7 @@ import numpy as np
 from modlhmp.account import Account
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.readers import read_recording
+from modlhmp.readers.raw import People
 from modlhmp.settings import unknown
 from modlhmp.splits import in_part, in_split, only_of
 from modlhmp.storage import DataError
@@ -22,13 +23,15 @@ LEAST_JUMP_S = 0.4
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
 
-def clean_recording(path: str | Path, form: FileFormat, recording: Recording) -> tuple[Tracks, dict[str, Any]]:
+def clean_recording(path: str | Path | People, form: FileFormat, recording: Recording) -> tuple[Tracks, dict[str, Any]]:
     """Read a recording, apply the cleaning rules in their order, and resample it at the time step.
 
     Returns (Tracks at `time_step_s`, account as a dict of JSON data that adds up). Where ids are no plain numbers, the
     account's `owners` are {track id: [owner's id, which piece of that track]} (`modlhmp.ids`).
     """
     form = only_of(form, recording)
+    if recording.people:
+        path = People(recording.people, " " if form.reader == "text" else form.separator, form.header, form.skip_lines)
     tracks, account = read_recording(path, form, recording.day, recording.start, recording.days)
     # What each block dropped is counted; what is left belongs to tracks from here on.
     account.tracks_read += 0 if account.tracks_read else len(tracks.bounds()) - 1

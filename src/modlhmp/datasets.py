@@ -302,17 +302,16 @@ def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Record
     for entry in file.recordings:
         _check_day(path, entry.day)
         files = find_files(path, entry.files, root)
+        made = [recording_at(one, root) for one in files]
+        if file.file_is == "person":
+            folder = os.path.commonpath([one.parent for one in files])
+            made = [dataclasses.replace(made[0], path=folder, people=tuple(map(str, files)))]
         split, chosen = (entry.split, None) if isinstance(entry.split, str) else ("", entry.split)
         found += [
             dataclasses.replace(
-                recording_at(one, root),
-                day=entry.day or "",
-                start=entry.start,
-                days=entry.days,
-                split=split,
-                chosen=chosen,
+                one, day=entry.day or "", start=entry.start, days=entry.days, split=split, chosen=chosen
             )
-            for one in files
+            for one in made
         ]
     check_different(path, found)
     names = names_of(path, found)

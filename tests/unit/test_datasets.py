@@ -9,12 +9,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 import yaml
 
-from modlhmp.cleaning import RULES
+from modlhmp.cleaning import RULES, clean_recording
 from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, folds, load_dataset, validation_part
 from modlhmp.file_format import Recording
+from modlhmp.ids import id_of
 from modlhmp.readers import files, read_recording
 from modlhmp.readers.raw import find_recording, open_raw
 from modlhmp.settings import as_plain, build, json_schema
@@ -789,3 +791,38 @@ def test_stems_keep_dots_that_are_no_suffix(load, tmp_path):
     days(tmp_path, ["tracks.01Jul.txt"])
     entry = {**MINE["recordings"][0], "files": "tracks.01Jul.txt"}
     assert load(recordings=[entry, MINE["recordings"][1]]).recordings[0].name == "tracks.01Jul"
+
+
+# --- one file a person --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["header", "plain", "text"])
+def test_files_of_one_person_each_are_one_recording(tmp_path, form):
+    folder = tmp_path / "people"
+    folder.mkdir()
+    for n, name in enumerate(["000002", "P 7" if form != "text" else "P7", "12"]):
+        rows = [(k, 1.2 * k, float(n)) for k in range(8)]
+        mark = " " if form == "text" else ","
+        lines = [mark.join(map(str, row)) for row in rows]
+        (folder / f"{name}.txt").write_text("\r\n".join([*(["t,x,y"] if form == "header" else []), *lines, ""]))
+    columns = {"t": "t", "x": "x", "y": "y"} if form == "header" else {"t": 0, "x": 1, "y": 2}
+    listed = {
+        **MINE, "file_is": "person", "reader": "text" if form == "text" else "delimited", "header": form == "header",
+        "columns": columns, "clock": "unknown", "hours": None,
+        "recordings": [{"files": "people/*.txt", "split": {"by": "person", "test": 0.4}}],
+    }  # fmt: skip
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(listed))
+    dataset = load_dataset(tmp_path / "mine.yaml", tmp_path)
+    assert [one.name for one in dataset.recordings] == ["people-train", "people-test"]
+    whole = replace(dataset.recordings[0], chosen=None)
+    tracks, account = clean_recording(whole.path, dataset, whole)
+    ids = {"000002", "P 7" if form != "text" else "P7", "12"}
+    assert set(tracks.track_id.tolist()) == {id_of(one) for one in ids}
+    assert account["rows"] == {"read": 24, "kept": 24, "dropped": {}}
+    np.testing.assert_allclose(tracks.speed[np.isfinite(tracks.speed)], 1.2)
+
+
+def test_who_a_row_is_of_is_said_once(load):
+    without = {name: column for name, column in MINE["columns"].items() if name != "track_id"}
+    refused(load, "no track_id: say whose a row is, or set `file_is: person`", columns=without)
+    refused(load, "a track_id: leave it out", file_is="person")

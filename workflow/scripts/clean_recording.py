@@ -17,7 +17,7 @@ with job_log(snakemake.log[0]) as log:
     source = next((one for one in params.sources if one["file"] == recording.file), None)
     if source is not None:
         check_sum(raw, recording.file, source["sha256"], params.sums)
-    path = Path(raw, recording.member) if recording.member else raw
+    path = Path(raw, recording.member) if recording.member else str(raw)
     tracks, account = clean_recording(path, build(FileFormat, params.dataset), recording)
     log.info("account: %s", account)
     write_text(snakemake.output.account, json.dumps(account, indent=2) + "\n")
