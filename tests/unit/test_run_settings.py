@@ -16,6 +16,8 @@ from modlhmp.options import ConstantVelocity, Episodes, Learning, NeuralMap, Rol
 from modlhmp.settings import as_plain, build
 from modlhmp.storage import DataError
 from modlhmp.study.configuration import load_datasets, load_run
+from modlhmp.study.layout import Layout
+from modlhmp.study.plan import Plan
 from modlhmp.study.settings import RunSettings
 
 DATASETS = Path(__file__).parents[2] / "config/datasets"
@@ -710,3 +712,28 @@ def test_a_run_on_a_validation_part_reads_no_test_recording(config, load_shipped
         assert kept <= {one.file for one in whole.of_split("train")}
         assert not kept & {one.file for one in whole.of_split("test")}
         assert dataset.of_split("test")
+
+
+# --- horizons -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("section", ["tables", "ladder"])
+def test_horizons_of_which_a_dataset_has_none_are_refused(config, section, tmp_path):
+    """At once, not after hours of a run; without any chosen ones every dataset has some."""
+    config[section] = {**config.get(section, {}), "horizons_s": [90, 120]}
+    with pytest.raises(DataError) as error:
+        load_datasets(load(config), DATASETS, tmp_path, tmp_path)
+    for part in (f"configuration, {section}.horizons_s", "demo_hall", "[90, 120]", "1 s", "60 s", "leave the key out"):
+        assert part in str(error.value)
+    config[section]["horizons_s"] = [20, 120]
+    assert load_datasets(load(config), DATASETS, tmp_path, tmp_path)
+    config[section]["horizons_s"] = None
+    assert load_datasets(load(config), DATASETS, tmp_path, tmp_path)
+
+
+def test_the_shipped_datasets_have_the_paper_s_horizons(config, tmp_path):
+    run = load(config)
+    plan = Plan(run, Layout(run.run), load_datasets(run, DATASETS, tmp_path, tmp_path))
+    assert plan.horizons("demo_hall") == [5, 10, 20, 30, 60]
+    assert plan.horizons("demo_forum") == plan.ladder_horizons("demo_forum") == [5, 10, 20]
+    assert plan.ladder_horizons("demo_hall") == [5, 10, 20, 60]

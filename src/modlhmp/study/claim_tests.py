@@ -35,6 +35,9 @@ def _tc_cliff(one, titles, _kinds):
 
 def _stef(one, titles, _kinds):
     longer = [h for h in one.horizons if h > 30]
+    if not longer:
+        yield _row("", "needs a horizon over 30 s", "", verdict="not tested")
+        return
     for method in ("tc_cliff", "cliff"):
         yield from _better(one, titles, method, "stef", longer)
 
@@ -62,7 +65,8 @@ def _half(one, titles, kinds):
 
 def _short(one, titles, kinds):
     for learned in _learned(one, kinds):
-        horizon = SHORT_S.get(one.dataset.label, one.horizons[0])
+        short = SHORT_S.get(one.dataset.label)
+        horizon = short if short in one.horizons else one.horizons[0]
         yield from _better(one, titles, learned, "tc_cliff", [horizon], ("ade",))
     yield from _if_none(one, kinds)
 
@@ -86,7 +90,7 @@ def _ranking(one, titles, kinds):
         yield _row("", "needs TC-CLiFF among the compared methods", "", verdict="not tested")
         return
     longest = one.dataset.horizon_s
-    half = max(h for h in one.horizons if h <= longest / 2)
+    half = max((h for h in one.horizons if h <= longest / 2), default=longest)  # of a single step there is none
     last, middle = one.horizons.index(longest), one.horizons.index(half)
     for protocol in PROTOCOLS:
         ranked, mean = (one.errors[method][output, protocol] for output in ("ranked", "mean"))

@@ -83,10 +83,10 @@ class Evidence(NamedTuple):
 
 def claim_horizons(dataset: Dataset, table_horizons: Sequence[float]) -> list[float]:
     """Horizons [s] that the claims look at: the tables', a half and the whole of the longest, the short one."""
-    longest, step = dataset.horizon_s, dataset.time_step_s
-    half = max(round(longest / 2 / step), 1) * step
-    short = SHORT_S.get(dataset.label, half)
-    return sorted({*scored_horizons(table_horizons, dataset), half, longest, *([short] if short <= longest else [])})
+    longest = dataset.horizon_s
+    half = round(max(dataset.steps // 2, 1) * dataset.time_step_s, 9)  # the same number as in the tables
+    short = scored_horizons([SHORT_S[dataset.label]], dataset) if dataset.label in SHORT_S else []
+    return sorted({*table_horizons, half, longest, *short})
 
 
 def claimed_pairs(kinds: Mapping[str, str]) -> list[tuple[str, str]]:

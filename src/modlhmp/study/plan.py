@@ -6,6 +6,7 @@ from typing import Any
 
 from modlhmp.datasets import Dataset
 from modlhmp.methods import Method
+from modlhmp.scoring.horizons import LADDER_S, scored_horizons
 from modlhmp.settings import as_plain
 from modlhmp.study.claims import claimed_pairs
 from modlhmp.study.layout import Layout
@@ -34,6 +35,14 @@ class Plan:
         """A dataset's settings for these keys, or all but the lists of files, as mappings and scalars."""
         plain = as_plain(self.datasets[dataset])
         return {key: plain[key] for key in (keys or sorted(plain.keys() - set(NOT_SHOWN)))}
+
+    def horizons(self, dataset: str) -> list[float]:
+        """Horizons [s] of a dataset's tables, tests and figures."""
+        return scored_horizons(self.run.tables.horizons_s, self.datasets[dataset])
+
+    def ladder_horizons(self, dataset: str) -> list[float]:
+        """Horizons [s] of a dataset's ladder."""
+        return scored_horizons(self.run.ladder.horizons_s, self.datasets[dataset], LADDER_S)
 
     def method(self, dataset: str, name: str) -> Method:
         """A method, with what has been tuned for a dataset."""

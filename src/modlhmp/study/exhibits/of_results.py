@@ -55,6 +55,11 @@ def _recordings(datasets: list[Dataset]) -> dict[str, list[str]]:
     return {dataset.name: [one.name for one in dataset.of_split("test")] for dataset in datasets}
 
 
+def _horizons(plan: Plan, datasets: list[Dataset]) -> dict[str, list[float]]:
+    """Horizons [s] of the tables by dataset."""
+    return {dataset.name: plan.horizons(dataset.name) for dataset in datasets}
+
+
 def _values(plan: Plan, parameters: Iterable[str]) -> dict[str, list[float]]:
     """Values tried of each parameter."""
     return {parameter: list(getattr(plan.run.studies, parameter)) for parameter in parameters}
@@ -93,19 +98,20 @@ def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "titles": plan.titles,
         "kinds": {name: plan.run.kind(name).name for name in plan.run.compare},
         "studies": _values(plan, _claimed_studies(plan)),
-        "horizons": list(plan.run.tables.horizons_s),
+        "horizons": _horizons(plan, datasets),
         "measured": _measured(plan, datasets),
         "days": {dataset.name: dataset.days("test") for dataset in datasets},
     }
 
 
 def _parameter_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    (dataset,) = datasets
     studied = plan.run.method(plan.run.studies.method)
     return {
         "method": plan.run.title(studied.name),
         "values": _values(plan, plan.studied),
         "chosen": {parameter: getattr(studied.options, parameter) for parameter in plan.studied},
-        "horizons": list(plan.run.tables.horizons_s),
+        "horizons": plan.horizons(dataset.name),
     }
 
 
@@ -113,7 +119,7 @@ def _training_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     return {
         "titles": plan.run.titles(plan.from_less),
         "shares": list(plan.run.studies.training.shares),
-        "horizons": list(plan.run.ladder.horizons_s),
+        "horizons": {dataset.name: plan.ladder_horizons(dataset.name) for dataset in datasets},
     }
 
 
@@ -145,7 +151,7 @@ def _folds_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     return {
         "methods": plan.titles,
         "reference": reference if reference in plan.run.compare else plan.run.compare[0],
-        "horizons": list(plan.run.tables.horizons_s),
+        "horizons": _horizons(plan, datasets),
         "days": {one.name: one.day for dataset in datasets for one in dataset.of_split("test")},
     }
 
@@ -215,7 +221,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         paper="tab:expres",
         caption=_results_caption,
         needs=_scores,
-        asks=lambda plan, datasets: {"methods": plan.titles, "horizons": list(plan.run.tables.horizons_s)},
+        asks=lambda plan, datasets: {"methods": plan.titles, "horizons": _horizons(plan, datasets)},
     ),
     Exhibit(
         name="tab_ttests",

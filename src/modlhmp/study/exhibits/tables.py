@@ -7,7 +7,6 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.errors import lengths_counted
-from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits.selection import main_rows, scored_of
@@ -55,11 +54,16 @@ def draw_parameters(
 
 
 def draw_results(
-    layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str], horizons: Sequence[float]
+    layout: Layout,
+    datasets: Sequence[Dataset],
+    stem: str,
+    methods: Mapping[str, str],
+    horizons: Mapping[str, Sequence[float]],
 ) -> None:
     """Results table at each dataset's longest horizon: both protocols, own lengths, walls; best errors in bold.
 
-    The Markdown and HTML files add all table `horizons` [s]; `methods` maps names to titles in table order.
+    The Markdown and HTML files add the table `horizons` [s] of each dataset by its name; `methods` maps names to
+    titles in table order.
     """
     results = main_rows(pd.read_csv(layout.scores))
     blocks, others = [], []
@@ -68,7 +72,7 @@ def draw_results(
         blocks.append(_longest(rows, dataset, methods))
         for protocol in ("paper", "complete"):
             table = pd.DataFrame({"method": list(methods.values())})
-            for horizon in scored_horizons(horizons, dataset):
+            for horizon in horizons[dataset.name]:
                 at = _at(rows, methods, protocol, horizon)
                 cells = zip(_errors(at), (_count(row) for _, row in at.iterrows()), strict=True)
                 table[f"{horizon:g} s"] = [f"{errors} (n {count})" for errors, count in cells]
