@@ -68,6 +68,11 @@ def check_site(site: Site, where: str | Path) -> None:
     weights = site.difference_weights
     if not weights or min(weights) < 0 or not sum(weights):
         raise DataError(f"{where}: difference_weights {list(weights)} are not positive numbers, newest step first")
+    if not sum(weights[: site.observed_rows - 1]):
+        raise DataError(
+            f"{where}: difference_weights {list(weights)} leave no weight for the steps of observed_rows "
+            f"{site.observed_rows}; make one of the first {site.observed_rows - 1} larger, or observe more rows"
+        )
 
 
 def check_timezone(name: str, where: object) -> None:
