@@ -734,6 +734,6 @@ def test_horizons_of_which_a_dataset_has_none_are_refused(config, section, tmp_p
 def test_the_shipped_datasets_have_the_paper_s_horizons(config, tmp_path):
     run = load(config)
     plan = Plan(run, Layout(run.run), load_datasets(run, DATASETS, tmp_path, tmp_path))
-    assert plan.horizons("demo_hall") == [5, 10, 20, 30, 60]
-    assert plan.horizons("demo_forum") == plan.ladder_horizons("demo_forum") == [5, 10, 20]
-    assert plan.ladder_horizons("demo_hall") == [5, 10, 20, 60]
+    assert plan.horizons["demo_hall"] == [5, 10, 20, 30, 60]
+    assert plan.horizons["demo_forum"] == plan.ladder_horizons["demo_forum"] == [5, 10, 20]
+    assert plan.ladder_horizons["demo_hall"] == [5, 10, 20, 60]

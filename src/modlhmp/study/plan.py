@@ -17,9 +17,10 @@ CLEANING_KEYS = (
     *("reader", "timezone", "time_step_s", "cleaning", "frame_rate", "row_stride", "scale"),
     *("columns", "header", "separator", "units"),
 )
-FORECAST_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity", "difference_weights")
+TRAINING_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity", "difference_weights")
+FORECAST_KEYS = (*TRAINING_KEYS, "forecast_every_s")
 SCORE_KEYS = (*FORECAST_KEYS, "paper_protocol")
-SITE_KEYS = (*SCORE_KEYS, "hours")  # of the `Site` that a map carries
+SITE_KEYS = (*TRAINING_KEYS, "paper_protocol", "hours")  # of the `Site` that a map carries
 NOT_SHOWN = ("recordings", "sources")  # lists of files, which exhibits do not depend on
 
 
@@ -36,13 +37,15 @@ class Plan:
         plain = as_plain(self.datasets[dataset])
         return {key: plain[key] for key in (keys or sorted(plain.keys() - set(NOT_SHOWN)))}
 
-    def horizons(self, dataset: str) -> list[float]:
-        """Horizons [s] of a dataset's tables, tests and figures."""
-        return scored_horizons(self.run.tables.horizons_s, self.datasets[dataset])
+    @property
+    def horizons(self) -> dict[str, list[float]]:
+        """Horizons [s] of every dataset's tables, tests and figures."""
+        return {name: scored_horizons(self.run.tables.horizons_s, one) for name, one in self.datasets.items()}
 
-    def ladder_horizons(self, dataset: str) -> list[float]:
-        """Horizons [s] of a dataset's ladder."""
-        return scored_horizons(self.run.ladder.horizons_s, self.datasets[dataset], LADDER_S)
+    @property
+    def ladder_horizons(self) -> dict[str, list[float]]:
+        """Horizons [s] of every dataset's ladder."""
+        return {name: scored_horizons(self.run.ladder.horizons_s, one, LADDER_S) for name, one in self.datasets.items()}
 
     def method(self, dataset: str, name: str) -> Method:
         """A method, with what has been tuned for a dataset."""

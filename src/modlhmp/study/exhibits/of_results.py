@@ -55,11 +55,6 @@ def _recordings(datasets: list[Dataset]) -> dict[str, list[str]]:
     return {dataset.name: [one.name for one in dataset.of_split("test")] for dataset in datasets}
 
 
-def _horizons(plan: Plan, datasets: list[Dataset]) -> dict[str, list[float]]:
-    """Horizons [s] of the tables by dataset."""
-    return {dataset.name: plan.horizons(dataset.name) for dataset in datasets}
-
-
 def _values(plan: Plan, parameters: Iterable[str]) -> dict[str, list[float]]:
     """Values tried of each parameter."""
     return {parameter: list(getattr(plan.run.studies, parameter)) for parameter in parameters}
@@ -98,7 +93,7 @@ def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "titles": plan.titles,
         "kinds": {name: plan.run.kind(name).name for name in plan.run.compare},
         "studies": _values(plan, _claimed_studies(plan)),
-        "horizons": _horizons(plan, datasets),
+        "horizons": plan.horizons,
         "measured": _measured(plan, datasets),
         "days": {dataset.name: dataset.days("test") for dataset in datasets},
     }
@@ -111,7 +106,7 @@ def _parameter_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "method": plan.run.title(studied.name),
         "values": _values(plan, plan.studied),
         "chosen": {parameter: getattr(studied.options, parameter) for parameter in plan.studied},
-        "horizons": plan.horizons(dataset.name),
+        "horizons": plan.horizons[dataset.name],
     }
 
 
@@ -119,7 +114,7 @@ def _training_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     return {
         "titles": plan.run.titles(plan.from_less),
         "shares": list(plan.run.studies.training.shares),
-        "horizons": {dataset.name: plan.ladder_horizons(dataset.name) for dataset in datasets},
+        "horizons": plan.ladder_horizons,
     }
 
 
@@ -151,7 +146,7 @@ def _folds_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     return {
         "methods": plan.titles,
         "reference": reference if reference in plan.run.compare else plan.run.compare[0],
-        "horizons": _horizons(plan, datasets),
+        "horizons": plan.horizons,
         "days": {one.name: one.day for dataset in datasets for one in dataset.of_split("test")},
     }
 
@@ -221,7 +216,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         paper="tab:expres",
         caption=_results_caption,
         needs=_scores,
-        asks=lambda plan, datasets: {"methods": plan.titles, "horizons": _horizons(plan, datasets)},
+        asks=lambda plan, datasets: {"methods": plan.titles, "horizons": plan.horizons},
     ),
     Exhibit(
         name="tab_ttests",
