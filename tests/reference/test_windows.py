@@ -17,7 +17,7 @@ from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import in_order, windows
 from modlhmp.options import ConstantVelocity
 from modlhmp.scoring.encounters import encounters
-from modlhmp.scoring.errors import ground_truth, lengths_counted, truth_of
+from modlhmp.scoring.errors import ground_truth, is_idle, lengths_counted, stands_about, truth_of
 from modlhmp.scoring.recording import score_recording
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.site import IdleFilter, PaperProtocol, Site
@@ -283,3 +283,14 @@ def test_bins_are_as_sure_as_their_persons_are_many():
     repeated = calibration(np.repeat(expected, 10), np.repeat(real, 10), np.repeat(np.arange(400), 10))
     np.testing.assert_allclose(repeated["standard_error"], alone["standard_error"])
     assert repeated["n"].tolist() == [400] * 10
+
+
+def test_who_stands_about_is_asked_over_five_seconds():
+    """Of rows 0.4 s apart as well, in which nobody walks a metre in five rows; on the paper's 1 s it is five rows."""
+    eth = replace(ONCE, time_step_s=0.4)
+    walker, waiter = straight(1, (0, 0), (0.4, 0), 40, step_s=0.4), straight(2, (0, 0), (0.1, 0), 40, step_s=0.4)
+    both = concatenate([walker, waiter])
+    assert stands_about(both, usable_tracks(both, 4), eth).tolist() == [False, True]
+    tracks = recording(13)
+    rows = usable_tracks(tracks, 4)
+    np.testing.assert_array_equal(stands_about(tracks, rows, ONCE), is_idle(tracks, rows, 5, 1.0))

@@ -583,3 +583,10 @@ def test_stems_keep_dots_that_are_no_suffix(load, tmp_path):
     days(tmp_path, ["tracks.01Jul.txt"])
     entry = {**MINE["recordings"][0], "files": "tracks.01Jul.txt"}
     assert load(recordings=[entry, MINE["recordings"][1]]).recordings[0].name == "tracks.01Jul"
+
+
+def test_forecasts_of_a_track_are_whole_steps_apart(load):
+    assert load().forecast_every_s is None
+    assert load(forecast_every_s=10).forecast_every_s == 10
+    refused(load, "forecast_every_s 2.5 is not a multiple of time_step_s 1.0", forecast_every_s=2.5)
+    refused(load, "forecast_every_s", "above 0", forecast_every_s=0)

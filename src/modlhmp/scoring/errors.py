@@ -9,6 +9,7 @@ from modlhmp.forecasting.windows import LATE_STEPS, Windows
 from modlhmp.site import Site
 from modlhmp.tracks import Tracks, positions_at, usable_tracks
 
+IDLE_S = 5.0
 MIN_DEPTH_M = 0.3  # a path this deep inside occupied area is infeasible
 
 
@@ -64,6 +65,14 @@ def left_out(tracks: Tracks, rows: np.ndarray, site: Site) -> np.ndarray:
     if idle_filter is None:
         return np.zeros(len(rows), bool)
     return is_idle(tracks, rows, idle_filter.rows, idle_filter.min_displacement_m)
+
+
+def stands_about(tracks: Tracks, rows: np.ndarray, site: Site) -> np.ndarray:
+    """Whether people are once less than 1 m from where they were 5 s before, [n]; `rows` as of `is_idle`.
+
+    The ATC idle filter, asked of any recording, also where the paper protocol keeps such tracks.
+    """
+    return is_idle(tracks, rows, max(round(IDLE_S / site.time_step_s), 1))
 
 
 def lengths_counted(recordings: Iterable[Tracks], site: Site, protocol: str) -> np.ndarray:

@@ -12,13 +12,12 @@ import pandas as pd
 
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.windows import in_order, windows
-from modlhmp.scoring.errors import is_idle, nan_mean, seed_mean, truth_of
+from modlhmp.scoring.errors import nan_mean, seed_mean, stands_about, truth_of
 from modlhmp.scoring.protocols import score
-from modlhmp.site import IdleFilter, Site
+from modlhmp.site import Site
 from modlhmp.study.summary import main_output
 from modlhmp.tracks import Tracks
 
-IDLE = IdleFilter()  # of the ATC recordings; asked of all, also where the paper protocol has none
 COLUMNS = ("idle", "left", "tracks", "ade_m", "fde_m", "n", "eligible")
 OWN, UNION, COMMON = "each seed's own", "that any seed scored", "that all seeds scored"
 
@@ -63,7 +62,7 @@ def _errors(tracks, forecasts, site):
         }
         by_seed.setdefault(seed, []).append(block)
     return {
-        "idle": is_idle(tracks, wanted.tracks, IDLE.rows, IDLE.min_displacement_m)[wanted.of],
+        "idle": stands_about(tracks, wanted.tracks, site)[wanted.of],
         "eligible": length >= site.steps,
         **{
             (left, metric): np.stack([np.concatenate([b[left, metric] for b in some]) for some in by_seed.values()])

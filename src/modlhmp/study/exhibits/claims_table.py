@@ -73,7 +73,7 @@ def gather(
     for recording in recordings:
         tracks = read_tracks(layout.tracks(name, recording))
         lengths.append(lengths_counted([tracks], dataset, "paper"))
-        idle |= idle_keys(recording, tracks, dataset.observed_rows)
+        idle |= idle_keys(recording, tracks, dataset)
     return Evidence(
         dataset,
         horizons,
