@@ -16,7 +16,7 @@ from modlhmp.cleaning import are_polygons, check_rules
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.files import check_different, find_files, names_of, recording_at
-from modlhmp.settings import WholeFrom1, check, option
+from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
 from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
@@ -97,6 +97,9 @@ class DatasetFile(_Shown, FileFormat, Site):
 
     recordings: Annotated[tuple[Files, ...], MinLen(1)] = option((), "files, and the day and split of each")
     floor_plan: str | None = option(None, "ROS map_server YAML under `data_root`")
+    observed_s: Seconds | None = option(
+        None, "instead of `observed_rows`: that many time steps, so that 3.2 s at 0.4 s are 8 rows"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,6 +146,8 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
     file = check(DatasetFile, listed, path, REQUIRED)
     name = Path(path).stem
     label = file.label or name
+    if file.observed_s is not None:
+        file = dataclasses.replace(file, observed_rows=_observed_rows(path, file, listed.get("observed_rows")))
     _check_dataset(path, file, label)
     root = Path(os.path.expanduser(demo_root if file.demo and demo_root else data_root))
     recordings = divided(path, _recordings(path, file, root))
@@ -151,7 +156,7 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
             raise DataError(
                 f"{path}: no recording has `split: {split}`; maps need training, scores need test recordings"
             )
-    own = {f.name: getattr(file, f.name) for f in dataclasses.fields(file)}
+    own = {f.name: getattr(file, f.name) for f in dataclasses.fields(file) if f.name != "observed_s"}
     return Dataset(**{
         **own, "name": name, "label": label, "recordings": recordings,
         "floor_plan": _floor_plan_files(file, root),
@@ -227,6 +232,20 @@ def folds(dataset: Dataset) -> list[Dataset]:
 def _part(recording: Recording, part: str, split: str) -> Recording:
     """A part of a recording (`cleaning.in_part`) as one of its own."""
     return dataclasses.replace(recording, name=f"{recording.name}-{part}", part=part, split=split)
+
+
+def _observed_rows(path: str | Path, file: DatasetFile, also: object) -> int:
+    """The rows of a file's `observed_s`; `also` is the `observed_rows` that it gives besides, None if none."""
+    seconds, step_s = file.observed_s or 0.0, file.time_step_s
+    rows = seconds / step_s
+    if also is not None:
+        raise DataError(f"{path}: observed_s {seconds:g} and observed_rows: {also} are both given; keep one of them")
+    if abs(rows - round(rows)) > 1e-6:
+        near = " or ".join(f"{max(count, 2) * step_s:g}" for count in (math.floor(rows), math.ceil(rows)))
+        raise DataError(f"{path}: observed_s {seconds:g} is no whole number of steps of {step_s:g} s; write {near}")
+    if round(rows) < 2:
+        raise DataError(f"{path}: observed_s {seconds:g} is 1 row of {step_s:g} s; a velocity takes two rows")
+    return round(rows)
 
 
 def _check_dataset(path: str | Path, file: DatasetFile, label: str) -> None:

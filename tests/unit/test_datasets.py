@@ -460,6 +460,26 @@ def test_difference_weights_are_positive(load, weights, told):
 
 def test_a_velocity_takes_two_rows(load):
     refused(load, "observed_rows 1 is under 2", observed_rows=1)
+    refused(load, "observed_s 1 is 1 row of 1 s", "two rows", observed_s=1)
+
+
+@pytest.mark.parametrize(("step_s", "observed_s", "rows"), [(0.4, 3.2, 8), (1.0, 4, 4), (0.1, 0.3, 3)])
+def test_an_observation_in_seconds_is_rows_by_their_step(load, step_s, observed_s, rows):
+    """As the field counts: 8 frames of 0.4 s are 3.2 s, though only 2.8 s lie between the first and the last."""
+    assert load(time_step_s=step_s, horizon_s=12 * step_s, observed_s=observed_s).observed_rows == rows
+
+
+def test_an_observation_is_given_once_and_in_whole_steps(load):
+    eth = {"time_step_s": 0.4, "horizon_s": 4.8}
+    refused(load, "observed_s 3 ", "observed_rows: 8", "keep one", **eth, observed_s=3, observed_rows=8)
+    refused(load, "observed_s 3 is no whole number of steps of 0.4 s", "2.8 or 3.2", **eth, observed_s=3)
+    refused(load, "observed_s", "above 0", **eth, observed_s=-1)
+
+
+def test_the_newest_steps_must_count(load):
+    """With two observed rows there is one step, whose weight would be all."""
+    refused(load, "difference_weights [0.0, 1.0]", "observed_rows 2", observed_rows=2, difference_weights=[0, 1])
+    assert load(observed_rows=3, difference_weights=[0, 1])
 
 
 @pytest.mark.parametrize("label", ["two words", "a/b", "ü"])
@@ -826,3 +846,10 @@ def test_who_a_row_is_of_is_said_once(load):
     without = {name: column for name, column in MINE["columns"].items() if name != "track_id"}
     refused(load, "no track_id: say whose a row is, or set `file_is: person`", columns=without)
     refused(load, "a track_id: leave it out", file_is="person")
+
+
+def test_forecasts_of_a_track_are_whole_steps_apart(load):
+    assert load().forecast_every_s is None
+    assert load(forecast_every_s=10).forecast_every_s == 10
+    refused(load, "forecast_every_s 2.5 is not a multiple of time_step_s 1.0", forecast_every_s=2.5)
+    refused(load, "forecast_every_s", "above 0", forecast_every_s=0)

@@ -10,6 +10,7 @@ import pytest
 from modlhmp.datasets import Area, Dataset
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.files import write_forecasts
+from modlhmp.forecasting.windows import windows
 from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import write_parquet
 from modlhmp.study.exhibits import example_forecasts, paths, ranked_forecasts, style
@@ -179,3 +180,23 @@ def test_a_forecasts_file_of_nobody(tmp_path):
     write_forecasts(tmp_path / "f.parquet", [(0, np.empty(0, int), nothing)])
     assert pa.parquet.read_table(tmp_path / "f.parquet").num_rows == 0
     assert paths.forecast_of(tmp_path / "f.parquet", 7) is None
+
+
+def test_the_example_of_several_forecasts_of_a_track_is_its_first(layout):
+    """The rule chooses among tracks, however often each is forecast; the figures show their first forecast."""
+    often, tracks = dataclasses.replace(HALL, forecast_every_s=4), walkers(5, 10 + STEPS)
+    later = windows(tracks, often)
+    assert len(later.t0) > 20
+    errors = []
+    for name, wanted in (("often", later), ("once", windows(tracks, HALL))):
+        aside = (wanted.track_id + 50 * (wanted.later_s > 0)).astype(np.float32)
+        xy = np.zeros((len(aside), 1, STEPS, 2), np.float32)
+        xy[..., 0], xy[..., 1] = 7.0, (wanted.track_id + aside)[:, None, None]
+        forecast = Forecast(xy, np.zeros(xy.shape[:3], np.float32), np.full((len(aside), 1), STEPS, np.int32), "single")
+        file, of = layout.forecast("hall", name, "day"), often if name == "often" else HALL
+        write_forecasts(file, [(0, wanted.track_id, forecast)], wanted.t0 if name == "often" else None)
+        write_parquet(score_recording(tracks, [(0, wanted.track_id, forecast)], "day", of), layout.errors("hall", name))
+        errors.append(errors_at(layout.errors("hall", name), STEPS).reset_index(drop=True))
+        assert paths.forecast_of(file, 3).xy[0, 0, 1] == 6.0
+    pd.testing.assert_frame_equal(*errors)
+    assert example_track(errors[0]) == example_track(errors[1])

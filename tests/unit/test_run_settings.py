@@ -17,6 +17,8 @@ from modlhmp.settings import as_plain, build
 from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
 from modlhmp.study.configuration import load_datasets, load_run
+from modlhmp.study.layout import Layout
+from modlhmp.study.plan import Plan
 from modlhmp.study.settings import RunSettings
 
 DATASETS = Path(__file__).parents[2] / "config/datasets"
@@ -749,3 +751,28 @@ def test_names_that_the_workflow_cannot_take_are_refused(tmp_path, config, name,
         load_datasets(run, tmp_path, tmp_path, "demo")
     assert told in str(error.value)
     assert "\n" not in str(error.value)
+
+
+# --- horizons -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("section", ["tables", "ladder"])
+def test_horizons_of_which_a_dataset_has_none_are_refused(config, section, tmp_path):
+    """At once, not after hours of a run; without any chosen ones every dataset has some."""
+    config[section] = {**config.get(section, {}), "horizons_s": [90, 120]}
+    with pytest.raises(DataError) as error:
+        load_datasets(load(config), DATASETS, tmp_path, tmp_path)
+    for part in (f"configuration, {section}.horizons_s", "demo_hall", "[90, 120]", "1 s", "60 s", "leave the key out"):
+        assert part in str(error.value)
+    config[section]["horizons_s"] = [20, 120]
+    assert load_datasets(load(config), DATASETS, tmp_path, tmp_path)
+    config[section]["horizons_s"] = None
+    assert load_datasets(load(config), DATASETS, tmp_path, tmp_path)
+
+
+def test_the_shipped_datasets_have_the_paper_s_horizons(config, tmp_path):
+    run = load(config)
+    plan = Plan(run, Layout(run.run), load_datasets(run, DATASETS, tmp_path, tmp_path))
+    assert plan.horizons["demo_hall"] == [5, 10, 20, 30, 60]
+    assert plan.horizons["demo_forum"] == plan.ladder_horizons["demo_forum"] == [5, 10, 20]
+    assert plan.ladder_horizons["demo_hall"] == [5, 10, 20, 60]

@@ -19,6 +19,7 @@ from modlhmp.study.plan import (
     FORECAST_KEYS,
     SCORE_KEYS,
     SITE_KEYS,
+    TRAINING_KEYS,
     Plan,
 )
 from modlhmp.study.configuration import load_datasets, load_run

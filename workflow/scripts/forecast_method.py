@@ -2,6 +2,7 @@
 
 from modlhmp.forecasting.files import STORED, write_forecasts
 from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.forecasting.windows import windows
 from modlhmp.logs import job_log
 from modlhmp.methods import Method, make_forecaster
 from modlhmp.settings import build
@@ -21,10 +22,12 @@ with job_log(snakemake.log[0]) as log:
     for recording, others in params.recordings.items():
         own, *rest = [layout.tracks(names.dataset, name) for name in (recording, *others)]
         key = (names.dataset, names.method, recording)
+        tracks = read_tracks(own)
         forecasts = forecast_recording(
-            read_tracks(own), forecaster, site, key, method.futures, params.seeds,
+            tracks, forecaster, site, key, method.futures, params.seeds,
             map(read_tracks, rest) if learned else None, STORED,
         )  # fmt: skip
         origin = provenance({**names, "recording": recording}, dict(params), [own, *rest, *made_of])
-        write_forecasts(layout.forecast(names.dataset, names.method, recording), forecasts, **origin)
+        t0 = None if site.forecast_every_s is None else windows(tracks, site).t0
+        write_forecasts(layout.forecast(names.dataset, names.method, recording), forecasts, t0, **origin)
         log.info("%s: forecast", recording)

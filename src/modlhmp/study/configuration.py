@@ -8,6 +8,7 @@ from typing import Any
 
 from modlhmp import kinds, options
 from modlhmp.datasets import Dataset, folds, load_dataset, validation_part
+from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import check, unknown
 from modlhmp.storage import DataError
 from modlhmp.study.settings import RunSettings
@@ -143,11 +144,23 @@ def load_datasets(
                 f"{', '.join(hourly)} out of `compare` and the ladder"
             )
         _check_paths(dataset, Path(folder) / f"{dataset.name}.yaml")
+        _check_horizons(run, dataset)
     if run.evaluate_on == "validation":
         return {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":
         return {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
     return found
+
+
+def _check_horizons(run: RunSettings, dataset: Dataset) -> None:
+    """Whether a dataset has any of the horizons that were chosen."""
+    for key, chosen in (("tables", run.tables.horizons_s), ("ladder", run.ladder.horizons_s)):
+        if not scored_horizons(chosen, dataset):
+            raise DataError(
+                f"configuration, {key}.horizons_s: dataset {dataset.name} has none of {list(chosen or ())} s; name "
+                f"multiples of its time step, {dataset.time_step_s:g} s, up to {dataset.horizon_s:g} s, or leave the "
+                "key out"
+            )
 
 
 def _check_tuned(run: RunSettings, dataset: Dataset, file: Path) -> None:

@@ -56,7 +56,7 @@ def person_paths(tracks_file: str | Path, track_id: int, dataset: Dataset, steps
 
 
 def forecast_of(forecasts_file: str | Path, track_id: int) -> Forecast | None:
-    """A track's `Forecast` by the first (smallest) seed, `xy` [k, T, 2] and so on; None if the file has none."""
+    """A track's first `Forecast` by the first (smallest) seed, `xy` [k, T, 2] and so on; None if the file has none."""
     seeds = read_parquet(forecasts_file, ["seed"])["seed"]
     if not len(seeds):
         return None

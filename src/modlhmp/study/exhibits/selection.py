@@ -34,8 +34,9 @@ def scored_of(row: pd.Series) -> str:
 def errors_at(errors_file: str | Path, steps: int) -> pd.DataFrame:
     """ADE [m] of a method's main output after `steps` by its first (smallest) seed, complete protocol.
 
-    One row per test track: `recording`, `track_id`, `ade_m` (NaN where the track ends earlier), and whether it is
-    `eligible` at that horizon under the paper protocol. Only the lists' one element is kept in memory.
+    One row per test track, of its first forecast: `recording`, `track_id`, `ade_m` (NaN where the track ends earlier),
+    and whether it is `eligible` at that horizon under the paper protocol. Only one element of the lists is kept in
+    memory.
     """
     known = read_parquet(errors_file, ["output", "seed"])
     # A file without rows has no output; any name then finds none.
@@ -45,7 +46,7 @@ def errors_at(errors_file: str | Path, steps: int) -> pd.DataFrame:
     columns["ade_m"] = pc.list_element(field("ade"), steps - 1)
     wanted = (field("output") == output) & (field("seed") == pc.min(known["seed"]))
     rows = pyarrow.dataset.dataset(errors_file).to_table(columns=columns, filter=wanted).to_pandas()
-    rows = rows.astype({"recording": str})
+    rows = rows.astype({"recording": str}).drop_duplicates([*key, "protocol"])
     paper = rows.loc[rows["protocol"] == "paper", [*key, "eligible_steps"]]
     both = rows.loc[rows["protocol"] == "complete", [*key, "ade_m"]].merge(paper, on=key)
     return both.assign(eligible=both.pop("eligible_steps") >= steps)
