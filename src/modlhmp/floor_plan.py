@@ -70,6 +70,11 @@ def load_floor_plan(path: str | Path) -> FloorPlan:
     return FloorPlan(cells[::-1], settings.resolution, settings.origin, settings.yaw)
 
 
+def moved(plan: FloorPlan, origin_m: tuple[int, int] | None) -> FloorPlan:
+    """The plan in a frame whose origin is at x, y [m] of its own, as recordings with `origin_m` are."""
+    return plan._replace(origin=(plan.origin[0] - origin_m[0], plan.origin[1] - origin_m[1])) if origin_m else plan
+
+
 def occupied_depth(plan: FloorPlan) -> np.ndarray:
     """How far [m] each cell's centre lies inside occupied area, [rows, columns] float32; 0 elsewhere.
 

@@ -12,10 +12,10 @@ from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.files import write_forecasts
 from modlhmp.forecasting.windows import windows
 from modlhmp.scoring.recording import score_recording
-from modlhmp.storage import write_parquet
+from modlhmp.storage import read_parquet, write_parquet
 from modlhmp.study.exhibits import example_forecasts, paths, ranked_forecasts, style
 from modlhmp.study.exhibits.selection import Example, errors_at, example_track
-from modlhmp.tracks import Tracks, write_tracks
+from modlhmp.tracks import Tracks, with_owners, write_tracks
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=2.0, horizon_s=60.0, demo=True)
 STEPS = 30
@@ -56,9 +56,9 @@ def test_the_median_track_by_hand():
         [("b", 1, 2.0, True), ("a", 9, 2.0, True), ("a", 3, 2.0, True), ("a", 1, 7.0, True), ("a", 5, np.nan, True),
          ("a", 2, 0.1, False)],
         columns=["recording", "track_id", "ade_m", "eligible"],
-    )  # fmt: skip
-    assert example_track(errors) == Example("a", 9, 4)
-    assert example_track(errors.iloc[::-1]) == Example("a", 9, 4)
+    ).assign(owner="P1")  # fmt: skip
+    assert example_track(errors) == Example("a", 9, 4, "P1")
+    assert example_track(errors.iloc[::-1]) == Example("a", 9, 4, "P1")
     assert example_track(errors[errors["track_id"] == 5]) is None
 
 
@@ -67,7 +67,15 @@ def test_errors_are_read_from_the_file(layout):
     errors = errors_at(layout.errors("hall", "tc_cliff"), STEPS)
     assert errors.sort_values("track_id")["ade_m"].tolist() == [1, 2, 3, 4, 5]
     assert errors["eligible"].all()
-    assert example_track(errors) == Example("day", 3, 5)
+    assert example_track(errors) == Example("day", 3, 5, "3")
+
+
+def test_the_owner_s_id_is_shown(layout):
+    """Where a track id is a number of ours."""
+    make_run(layout)
+    file = layout.errors("hall", "tc_cliff")
+    write_parquet(with_owners(read_parquet(file), {3: "P03 #2"}), file)
+    assert paths.who(example_track(errors_at(file, STEPS))).startswith("track P03 #2 of day")
 
 
 def test_ranked_figure_holds_its_numbers(tmp_path, layout):

@@ -24,6 +24,7 @@ rule score_method:
     params:
         run=RUN.run,
         dataset=settings_of(*SCORE_KEYS),
+        origin_m=lambda wildcards: DATASETS[wildcards.dataset].origin_m,
         recordings=names_of("test"),
         code=code_of("score_method"),
     message:

@@ -22,4 +22,5 @@ with job_log(snakemake.log[0]) as log:
     log.info("account: %s", account)
     write_text(snakemake.output.account, json.dumps(account, indent=2) + "\n")
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
-    write_tracks(tracks, snakemake.output.tracks, **origin)
+    owners = {"owners": account["owners"]} if "owners" in account else {}
+    write_tracks(tracks, snakemake.output.tracks, **origin, **owners)

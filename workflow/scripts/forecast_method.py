@@ -9,7 +9,7 @@ from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import read_tracks
+from modlhmp.tracks import owner_ids, read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
@@ -29,5 +29,7 @@ with job_log(snakemake.log[0]) as log:
         )  # fmt: skip
         origin = provenance({**names, "recording": recording}, dict(params), [own, *rest, *made_of])
         t0 = None if site.forecast_every_s is None else windows(tracks, site).t0
-        write_forecasts(layout.forecast(names.dataset, names.method, recording), forecasts, t0, **origin)
+        write_forecasts(
+            layout.forecast(names.dataset, names.method, recording), forecasts, t0, owner_ids(own), **origin
+        )
         log.info("%s: forecast", recording)

@@ -1,7 +1,7 @@
 """The file form of forecasts: one row per forecast and seed, in the blocks in which they are made."""
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 
 from modlhmp.forecasting.base import Forecast
 from modlhmp.storage import column, read_metadata, read_parquet, write_parquet, write_pieces
+from modlhmp.tracks import with_owners
 
 STORED = 20  # of the samples behind a median, a medoid or modes; all of them would be gigabytes
 
@@ -19,11 +20,13 @@ def write_forecasts(
     path: str | Path,
     forecasts: Iterable[tuple[int, np.ndarray, Forecast]],
     t0: np.ndarray | None = None,
+    owners: Mapping[int, str] | None = None,
     **provenance: Any,
 ) -> None:
     """Write forecasts as they come, one row per track and seed, one row group per block.
 
-    Where a track is forecast several times, `t0` [n] in unix s, those of each seed's forecasts, tell them apart.
+    Where a track is forecast several times, `t0` [n] in unix s, those of each seed's forecasts, tell them apart. The
+    owner's ids of tracks (`tracks.owner_ids`) are written beside ours where there are some.
     """
     forecasts = iter(forecasts)
     first = next(forecasts, None)
@@ -31,7 +34,7 @@ def write_forecasts(
         write_parquet({"track_id": np.empty(0, np.int64)}, path, **provenance, output="single", k=1, steps=0)
         return
     _, k, steps, _ = first[2].xy.shape
-    tables = _tables(itertools.chain([first], forecasts), t0)
+    tables = (with_owners(one, owners or None) for one in _tables(itertools.chain([first], forecasts), t0))
     write_pieces(tables, path, **provenance, output=first[2].output, k=k, steps=steps)
 
 
@@ -47,6 +50,14 @@ def _tables(forecasts, t0):
             values = getattr(forecast, name)
             columns[name] = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), int(np.prod(values.shape[1:])))
         yield pa.table(columns)
+
+
+def read_owners(path: str | Path) -> dict[int, str]:
+    """The owner's ids that a forecasts file gives beside the track ids; empty where these are the owner's."""
+    if "owner_id" not in pq.read_schema(path).names:
+        return {}
+    table = read_parquet(path, ["track_id", "owner_id"])
+    return dict(zip(column(table, "track_id").tolist(), table["owner_id"].to_pylist(), strict=True))
 
 
 def read_t0(path: str | Path) -> np.ndarray | None:

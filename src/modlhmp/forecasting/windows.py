@@ -7,7 +7,7 @@ import numpy as np
 
 from modlhmp.forecasting.base import Forecast
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks, usable_tracks
+from modlhmp.tracks import Tracks, gap_limit, usable_tracks
 
 LATE_STEPS = 0.05  # what clock jitter may take from a row's time, as of the seconds of truth
 
@@ -28,23 +28,28 @@ class Windows(NamedTuple):
     later_s: np.ndarray
 
 
+def usable(tracks: Tracks, site: Site) -> np.ndarray:
+    """First and last row of every track that can be forecast and scored, [n, 2] (`tracks.usable_tracks`)."""
+    return usable_tracks(tracks, site.observed_rows, gap_limit(site.time_step_s))
+
+
 def windows(tracks: Tracks, site: Site) -> Windows:
     """The forecasts of every usable track: at its `observed_rows`-th row, and `forecast_every_s` after that, if given.
 
     A later t0 is the first row that is not before its moment; at least one row of the track comes after it.
     """
-    usable = usable_tracks(tracks, site.observed_rows)
-    first, last = usable[:, 0] + site.observed_rows - 1, usable[:, 1]
-    of, row = np.arange(len(usable)), first
+    found = usable(tracks, site)
+    first, last = found[:, 0] + site.observed_rows - 1, found[:, 1]
+    of, row = np.arange(len(found)), first
     if site.forecast_every_s is not None:
         late_s = LATE_STEPS * site.time_step_s
-        found = [
+        rows = [
             begin + _moments(tracks.t[begin:end] - tracks.t[begin], site.forecast_every_s, late_s)
             for begin, end in zip(first, last, strict=True)
         ]
-        of, row = np.repeat(of, [len(one) for one in found]), np.concatenate([first[:0], *found])
+        of, row = np.repeat(of, [len(one) for one in rows]), np.concatenate([first[:0], *rows])
     t0 = tracks.t[row]
-    return Windows(usable, of, row, t0, tracks.track_id[row], t0 - tracks.t[first[of]])
+    return Windows(found, of, row, t0, tracks.track_id[row], t0 - tracks.t[first[of]])
 
 
 def _moments(since_s: np.ndarray, every_s: float, late_s: float) -> np.ndarray:

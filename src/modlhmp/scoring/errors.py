@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from modlhmp.floor_plan import FloorPlan, value_at
-from modlhmp.forecasting.windows import LATE_STEPS, Windows
+from modlhmp.forecasting.windows import LATE_STEPS, Windows, usable
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks, positions_at, usable_tracks
+from modlhmp.tracks import Tracks, positions_at
 
 IDLE_S = 5.0
 MIN_DEPTH_M = 0.3  # a path this deep inside occupied area is infeasible
@@ -79,7 +79,7 @@ def lengths_counted(recordings: Iterable[Tracks], site: Site, protocol: str) -> 
     """Seconds from t0 to the end of every usable track of several track tables that a protocol counts, [n]."""
     parts = [np.empty(0)]
     for tracks in recordings:
-        rows = usable_tracks(tracks, site.observed_rows)
+        rows = usable(tracks, site)
         if protocol == "paper":
             rows = rows[~left_out(tracks, rows, site)]
         parts.append(tracks.t[rows[:, 1]] - tracks.t[rows[:, 0] + site.observed_rows - 1])

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
+from modlhmp.forecasting.windows import usable
 from modlhmp.scoring.errors import stands_about
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.ttests import holm
@@ -18,7 +19,7 @@ from modlhmp.site import Site
 from modlhmp.study.claim_tests import TESTS, of_the_paper
 from modlhmp.study.published import SHORT_S
 from modlhmp.study.summary import ErrorsByOutput
-from modlhmp.tracks import Tracks, usable_tracks
+from modlhmp.tracks import Tracks
 
 ALL = ("atc", "edin")
 ALPHA = 0.05
@@ -98,7 +99,7 @@ def claimed_pairs(kinds: Mapping[str, str]) -> list[tuple[str, str]]:
 
 def idle_keys(name: str, tracks: Tracks, site: Site) -> set[str]:
     """Keys "recording/track" of a recording's usable tracks who stand about (`errors.stands_about`)."""
-    rows = usable_tracks(tracks, site.observed_rows)
+    rows = usable(tracks, site)
     idle = stands_about(tracks, rows, site)
     return {f"{name}/{track}" for track in tracks.track_id[rows[idle, 0]]}
 
