@@ -66,6 +66,7 @@ RUN_OF = {  # test file: the run that it looks at
     "tests/workflow/test_notebooks.py": "tiny",
     "tests/workflow/test_reruns.py": "demo",
     "tests/workflow/test_outside.py": "walks",
+    "tests/workflow/test_short_steps.py": "plaza",
 }
 
 

@@ -13,6 +13,7 @@ from modlhmp.account import Account
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.plausibility import ask_about, check_recording
 from modlhmp.readers import read_recording
+from modlhmp.readers.raw import People
 from modlhmp.settings import unknown
 from modlhmp.splits import in_part, in_split, only_of
 from modlhmp.storage import DataError
@@ -22,7 +23,7 @@ from modlhmp.tracks import LEAST_JUMP_S, MAX_GAP_S, Tracks, laid_out, usual_step
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
 
-def clean_recording(path: str | Path, form: FileFormat, recording: Recording) -> tuple[Tracks, dict[str, Any]]:
+def clean_recording(path: str | Path | People, form: FileFormat, recording: Recording) -> tuple[Tracks, dict[str, Any]]:
     """Read a recording, apply the cleaning rules in their order, and resample it at the time step.
 
     Returns (Tracks at `time_step_s`, account as a dict of JSON data that adds up). Where ids are no plain numbers, the
@@ -30,6 +31,7 @@ def clean_recording(path: str | Path, form: FileFormat, recording: Recording) ->
     check of `modlhmp.plausibility` stops; `warnings` of the account are what others warn of, if any do.
     """
     form = only_of(form, recording)
+    path = source_of(path, form, recording)
     rows, account = read_recording(path, form, recording.day, recording.start, recording.days)
     clock = bool(recording.day) and recording.start is None
     warnings = ask_about(path, check_recording(rows, account, form, clock), form)
@@ -37,8 +39,15 @@ def clean_recording(path: str | Path, form: FileFormat, recording: Recording) ->
     return tracks, {**plain, **({"warnings": warnings} if warnings else {})}
 
 
+def source_of(path: str | Path | People, form: FileFormat, recording: Recording) -> str | Path | People:
+    """What a recording is read from: its file, or those of all its people."""
+    if not recording.people:
+        return path
+    return People(recording.people, " " if form.reader == "text" else form.separator, form.header, form.skip_lines)
+
+
 def clean_rows(
-    path: str | Path, tracks: Tracks, account: Account, form: FileFormat, recording: Recording
+    path: str | Path | People, tracks: Tracks, account: Account, form: FileFormat, recording: Recording
 ) -> tuple[Tracks, dict[str, Any]]:
     """What `clean_recording` does once a recording is read and checked; `path` is named in errors."""
     # What each block dropped is counted; what is left belongs to tracks from here on.

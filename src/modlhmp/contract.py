@@ -19,12 +19,13 @@ import pyarrow as pa
 from modlhmp.api import build_map, load_map
 from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.observe import Observed, observe
+from modlhmp.forecasting.windows import usable
 from modlhmp.kinds import Kind, all_kinds
 from modlhmp.methods import forecaster_of
 from modlhmp.settings import check, fields_of
 from modlhmp.site import Site
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import Tracks, usable_tracks
+from modlhmp.tracks import Tracks
 
 STEPS, FUTURES = 8, 3
 OUTPUTS = ("ranked", "median", "medoid", "modes", "mean", "single")
@@ -93,7 +94,7 @@ def check_record(kind: Kind) -> None:
 
 def check_forecaster(forecaster: Forecaster, tracks: Tracks, site: Site, random: bool = True) -> None:
     """Shapes, types and the rules of random numbers: a forecast depends on its track and keys, and on nothing else."""
-    observed = observe(tracks, usable_tracks(tracks, site.observed_rows), site.observed_rows)
+    observed = observe(tracks, usable(tracks, site), site.observed_rows)
     keys = stream_keys(observed.track_id, FUTURES, 0, "contract")
     whole = forecaster(observed, STEPS, keys)
     check_forecast(whole, observed, STEPS)
@@ -149,7 +150,7 @@ def check_network(kind: Kind, options: Any, tracks: Tracks, site: Site) -> None:
     loss = network.loss(batch)
     assert loss.ndim == 0 and torch.isfinite(loss), f"{kind.name}: the loss is {loss}, a finite scalar is needed"
     forecasts = import_module(str(kind.forecasts))
-    observed = observe(tracks, usable_tracks(tracks, site.observed_rows), site.observed_rows)
+    observed = observe(tracks, usable(tracks, site), site.observed_rows)
     alone = observed._replace(neighbours=np.full((len(observed.track_id), 5, site.observed_rows, 2), np.nan))
     k = getattr(options, "k", 1)
     futures = forecasts.forecaster(network.eval(), site, options)(

@@ -1,10 +1,10 @@
 """Dataset files: one YAML file says how the recordings of one place are read, split, cleaned and shown."""
 
 import dataclasses
-import glob
 import math
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -15,8 +15,8 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 from modlhmp.cleaning import are_polygons, check_rules
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
-from modlhmp.readers.raw import COMPRESSED, find_recording
-from modlhmp.settings import WholeFrom1, check, option
+from modlhmp.readers.files import check_different, find_files, names_of, recording_at
+from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
 from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
@@ -31,7 +31,7 @@ REQUIRED = ("title", "reader", "timezone", "recordings", "horizon_s", "velocity"
 class Files:
     """An entry of `recordings`: files of one day and split."""
 
-    files: str = option(meaning="path or glob under `data_root`")
+    files: str = option(meaning="path or glob under `data_root`; `**` stands for any number of folders, also none")
     day: str | None = option(None, "local date, such as 2012-10-24; not where the `clock` is unknown")
     start: str | None = option(
         None,
@@ -97,6 +97,9 @@ class DatasetFile(_Shown, FileFormat, Site):
 
     recordings: Annotated[tuple[Files, ...], MinLen(1)] = option((), "files, and the day and split of each")
     floor_plan: str | None = option(None, "ROS map_server YAML under `data_root`")
+    observed_s: Seconds | None = option(
+        None, "instead of `observed_rows`: that many time steps, so that 3.2 s at 0.4 s are 8 rows"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,25 +146,24 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
     file = check(DatasetFile, listed, path, REQUIRED)
     name = Path(path).stem
     label = file.label or name
+    if file.observed_s is not None:
+        file = dataclasses.replace(file, observed_rows=_observed_rows(path, file, listed.get("observed_rows")))
     _check_dataset(path, file, label)
-    root = demo_root if file.demo and demo_root else data_root
-    recordings = divided(path, [found for entry in file.recordings for found in _resolve(path, entry, root)])
-    names = [one.name for one in recordings]
-    if twice := {one for one in names if names.count(one) > 1}:
-        raise DataError(f"{path}: two recordings are named {', '.join(sorted(twice))}; give the files different names")
+    root = Path(os.path.expanduser(demo_root if file.demo and demo_root else data_root))
+    recordings = divided(path, _recordings(path, file, root))
     for split in ("train", "test"):
         if not any(one.split == split for one in recordings):
             raise DataError(
                 f"{path}: no recording has `split: {split}`; maps need training, scores need test recordings"
             )
-    own = {f.name: getattr(file, f.name) for f in dataclasses.fields(file)}
+    own = {f.name: getattr(file, f.name) for f in dataclasses.fields(file) if f.name != "observed_s"}
     return Dataset(**{
         **own, "name": name, "label": label, "recordings": recordings,
         "floor_plan": _floor_plan_files(file, root),
     })  # fmt: skip
 
 
-def divided(path: str | Path, recordings: list[Recording]) -> tuple[Recording, ...]:
+def divided(path: str | Path, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     """Recordings whose file holds both splits as one of each; whole days where that is how they are divided.
 
     `DataError` that names `path`, the dataset file, where nothing would be left for one of the two.
@@ -232,6 +234,20 @@ def _part(recording: Recording, part: str, split: str) -> Recording:
     return dataclasses.replace(recording, name=f"{recording.name}-{part}", part=part, split=split)
 
 
+def _observed_rows(path: str | Path, file: DatasetFile, also: object) -> int:
+    """The rows of a file's `observed_s`; `also` is the `observed_rows` that it gives besides, None if none."""
+    seconds, step_s = file.observed_s or 0.0, file.time_step_s
+    rows = seconds / step_s
+    if also is not None:
+        raise DataError(f"{path}: observed_s {seconds:g} and observed_rows: {also} are both given; keep one of them")
+    if abs(rows - round(rows)) > 1e-6:
+        near = " or ".join(f"{max(count, 2) * step_s:g}" for count in (math.floor(rows), math.ceil(rows)))
+        raise DataError(f"{path}: observed_s {seconds:g} is no whole number of steps of {step_s:g} s; write {near}")
+    if round(rows) < 2:
+        raise DataError(f"{path}: observed_s {seconds:g} is 1 row of {step_s:g} s; a velocity takes two rows")
+    return round(rows)
+
+
 def _check_dataset(path: str | Path, file: DatasetFile, label: str) -> None:
     """Checks that types cannot say; `DataError`."""
     _check_files(path, file)
@@ -299,44 +315,32 @@ def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ..
     return str(plan), str(image_of(plan))
 
 
-def _resolve(path: str | Path, entry: Files, data_root: str | Path) -> list[Recording]:
-    """One `recordings` entry to the recordings it stands for."""
+def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Recording, ...]:
+    """The recordings that the entries stand for, each with its own name."""
+    found = []
+    for entry in file.recordings:
+        _check_day(path, entry.day)
+        files = find_files(path, entry.files, root)
+        made = [recording_at(one, root) for one in files]
+        if file.file_is == "person":
+            folder = os.path.commonpath([one.parent for one in files])
+            made = [dataclasses.replace(made[0], path=folder, people=tuple(map(str, files)))]
+        split, chosen = (entry.split, None) if isinstance(entry.split, str) else ("", entry.split)
+        found += [
+            dataclasses.replace(
+                one, day=entry.day or "", start=entry.start, days=entry.days, split=split, chosen=chosen
+            )
+            for one in made
+        ]
+    check_different(path, found)
+    names = names_of(path, found)
+    return tuple(dataclasses.replace(one, name=name) for one, name in zip(found, names, strict=True))
+
+
+def _check_day(path: str | Path, day: str | None) -> None:
     try:
-        if entry.day and not re.fullmatch(r"\d{4}-\d\d-\d\d", entry.day):
+        if day and not re.fullmatch(r"\d{4}-\d\d-\d\d", day):
             raise ValueError
-        date.fromisoformat(entry.day or "1970-01-01")
+        date.fromisoformat(day or "1970-01-01")
     except ValueError:
-        raise DataError(f"{path}: day {entry.day!r} is not a date like 2012-10-24") from None
-    root, listed = Path(data_root), entry.files
-    found = [find_recording(root / listed)]
-    if glob.has_magic(listed):
-        found = [root / file for file in sorted(glob.glob(listed, root_dir=root))]
-    if not found:
-        raise DataError(
-            f"{path}: no file matches {root / listed}; correct `files`, or `data_root` in the configuration"
-        )
-    return [
-        Recording(
-            name=_stem(file or listed), path=str(file or root / listed), stored=stored, member=member,
-            file=os.path.relpath(stored, root), exists=file is not None, day=entry.day or "", start=entry.start,
-            split=entry.split if isinstance(entry.split, str) else "",
-            chosen=entry.split if isinstance(entry.split, Split) else None, days=entry.days,
-        )
-        for file in found
-        for stored, member in [_stored(file or root / listed)]
-    ]  # fmt: skip
-
-
-def _stored(file: str | Path) -> tuple[str, str | None]:
-    """The file on disk that holds a recording, and the member of it that `archive.zip/member.csv` names."""
-    before, inside, member = str(file).partition(".zip/")
-    return (before + ".zip", member) if inside else (str(file), None)
-
-
-def _stem(file: str | Path) -> str:
-    """Name of a recording: its file's without the suffixes."""
-    name = Path(file).name
-    for suffix in COMPRESSED:
-        name = name.removesuffix(suffix)
-    stem, _, suffix = name.rpartition(".")
-    return stem if stem and suffix in {"csv", "txt", "tsv", "ndjson", "dat"} else name
+        raise DataError(f"{path}: day {day!r} is not a date like 2012-10-24") from None

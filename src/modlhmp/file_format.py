@@ -44,8 +44,10 @@ class Units:
 class Columns:
     """Which column holds what: by position from 0 or, with a header, by name."""
 
-    track_id: Column | tuple[Column, ...] = option(
-        meaning="whose row it is: any text or number; of several columns together, where one alone does not tell"
+    track_id: Column | tuple[Column, ...] | None = option(
+        None,
+        "whose row it is: any text or number; of several columns together, where one alone does not tell; not where "
+        "every file is a person",
     )
     t: Column = option(meaning="time")
     x: Column = option(meaning="position")
@@ -90,6 +92,9 @@ class FileFormat:
     )
     min_heading_mps: Annotated[float, Ge(0)] = option(
         0.05, "recorded speeds below are standing, and have no heading [m/s]"
+    )
+    file_is: Literal["recording", "person"] = option(
+        "recording", "`person`: the files of an entry are one recording, each of one person, whose id is its name"
     )
     columns: Columns | None = option(None, "which column holds what, by position from 0 or, with a header, by name")
     header: bool = option(False, "whether the first row names the columns")
@@ -163,6 +168,12 @@ def check_format(form: FileFormat, source: object) -> None:
             raise DataError(f"{source}: missing: no field named {column!r}; it has t, x, y, speed, heading")
     if form.columns is not None and (form.columns.speed is None) != (form.columns.heading is None):
         raise DataError(f"{source}: columns: give both speed and heading, or neither")
+    named = form.columns is not None and form.columns.track_id is not None
+    if form.columns is not None and named == (form.file_is == "person"):
+        remedy = "leave it out" if named else "say whose a row is, or set `file_is: person`"
+        raise DataError(f"{source}: columns: {'a' if named else 'no'} track_id: {remedy}")
+    if form.file_is == "person" and form.reader not in ("delimited", "text"):
+        raise DataError(f"{source}: file_is: person is for the readers delimited and text, not for {form.reader}")
     given = form.columns.given() if form.columns else {}
     for name, column in given.items():
         if twice := [other for other in given if other != name and given[other] == column]:
@@ -191,10 +202,10 @@ class Recording:
     `stored` is the file on disk (`path`, or the archive that it leads into), `member` the file in an archive, `file`
     `stored` under the data root. `chosen` says who of the file is tested on, None: nobody or all, as `split` says;
     `part` is what of that is used (`cleaning.in_part`), where it is cut; `days` is how many days it is of, `day` being
-    the first.
+    the first. `people` are the files where each is of one person; `path` is their folder then.
     """
 
-    day: str
+    day: str = ""
     start: str | None = None
     split: str = "train"
     name: str = ""
@@ -206,3 +217,4 @@ class Recording:
     chosen: Split | None = None
     part: str | None = None
     days: int = 1
+    people: tuple[str, ...] = ()

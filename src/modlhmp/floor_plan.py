@@ -1,5 +1,10 @@
 """Floor plans in the form of ROS's map_server: a YAML file that names an image, its resolution and its origin."""
 
+import importlib.util
+import logging
+import math
+import reprlib
+import warnings
 from pathlib import Path
 from typing import NamedTuple
 
@@ -9,7 +14,13 @@ from modlhmp.storage import DataError
 from modlhmp.yaml_file import read_yaml
 
 FREE, UNKNOWN, OCCUPIED = 0, 1, 2
+MOST_PIXELS = 80_000_000  # of an image, such as 400 m x 500 m at 0.05 m; a few bytes of a file can stand for more
 _NEEDED = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
+_FLAGS = {"0": False, "1": True, "false": False, "true": True}
+_MODES = {"trinary", "scale", "raw"}
+_FORMATS = ("PNG", "PPM", "BMP", "TIFF", "GIF", "JPEG")  # not all of Pillow's: for some it starts other programs
+_SAVED_UNKNOWN = 205  # the grey of 255 that map_saver writes for unknown cells
+_LOG = logging.getLogger("modlhmp")
 
 
 class FloorPlan(NamedTuple):
@@ -27,32 +38,41 @@ class FloorPlan(NamedTuple):
 
 def image_of(path: str | Path) -> Path:
     """Image file that a floor plan's YAML file names; `DataError` for a bad YAML file."""
-    return Path(path).parent / str(_settings_of(path)["image"])
+    return Path(path).parent / _settings_of(path).image
 
 
 def load_floor_plan(path: str | Path) -> FloorPlan:
     """Load a `FloorPlan`; `DataError` names the file, the key and the value where something is wrong.
 
-    A pixel of grey value v is occupied with p = (255 - v) / 255 (v / 255 with `negate`), OCCUPIED if p is above
-    `occupied_thresh`, FREE if below `free_thresh`.
+    The rules are map_server's (ROS 2). A pixel's shade s is the mean of its colours, from 0, black, to 1, white; it is
+    occupied with p = 1 - s, or s with `negate`.
+
+    * `trinary`: OCCUPIED if p is above `occupied_thresh`, FREE if below `free_thresh`. Alpha, where there is any,
+      counts as a fourth colour (opaque: 1).
+    * `scale`: the same, but alpha is no colour, and whatever is not opaque is UNKNOWN. Between the thresholds
+      map_server's grid has values from 1 to 99, which are UNKNOWN here.
+    * `raw`: 255 s is the value of map_server's grid itself: OCCUPIED if 100, FREE if 0, else UNKNOWN. Thresholds,
+      `negate` and alpha play no part.
     """
-    try:
-        from PIL import Image  # noqa: PLC0415 - an extra: maps and forecasts do without it
-    except ImportError:
-        raise DataError(f'{path}: reading a floor plan needs Pillow: pip install "modlhmp[plans]"') from None
+    if importlib.util.find_spec("PIL") is None:  # an extra: maps and forecasts do without it
+        raise DataError(f'{path}: reading a floor plan needs Pillow: pip install "modlhmp[plans]"')
     settings = _settings_of(path)
-    file = image_of(path)
-    try:
-        with Image.open(file) as image:
-            grey = np.asarray(image.convert("RGB"), np.float64).mean(axis=2)
-    except (OSError, Image.DecompressionBombError) as error:
-        raise DataError(f"{path}: image {file} cannot be read ({error})") from None
-    p = (grey if settings.get("negate") else 255.0 - grey) / 255.0
-    cells = np.full(p.shape, UNKNOWN, np.uint8)
-    cells[p > settings["occupied_thresh"]] = OCCUPIED
-    cells[p < settings["free_thresh"]] = FREE
-    x, y, yaw = map(float, settings["origin"])
-    return FloorPlan(cells[::-1], float(settings["resolution"]), (x, y), yaw)
+    image = _read_image(path, Path(path).parent / settings.image)
+    cells = _cells_of(image, settings)
+    if not (cells == OCCUPIED).any():
+        _LOG.warning("%s: no cell is occupied; check `mode`, `negate` and the thresholds", path)
+    saved = settings.mode == "trinary" and not settings.negate
+    if saved and (cells[255 * image.colour == _SAVED_UNKNOWN * image.white] == FREE).any():
+        remedy = "write free_thresh: 0.196" + (" and save the image without alpha" if image.alpha is not None else "")
+        _LOG.warning(
+            "%s: pixels of grey 205, map_saver's unknown, are free; if they should be unknown, %s", path, remedy
+        )
+    return FloorPlan(cells[::-1], settings.resolution, settings.origin, settings.yaw)
+
+
+def moved(plan: FloorPlan, origin_m: tuple[int, int] | None) -> FloorPlan:
+    """The plan in a frame whose origin is at x, y [m] of its own, as recordings with `origin_m` are."""
+    return plan._replace(origin=(plan.origin[0] - origin_m[0], plan.origin[1] - origin_m[1])) if origin_m else plan
 
 
 def occupied_depth(plan: FloorPlan) -> np.ndarray:
@@ -77,21 +97,138 @@ def value_at(plan: FloorPlan, grid: np.ndarray, x: np.ndarray, y: np.ndarray) ->
     return np.where(within, grid[i, j], grid.dtype.type(0))
 
 
+class _Settings(NamedTuple):
+    """What a YAML file says."""
+
+    image: str
+    resolution: float
+    origin: tuple[float, float]
+    yaw: float
+    negate: bool
+    occupied: float
+    free: float
+    mode: str
+
+
+class _Pixels(NamedTuple):
+    """An image: `colour` [rows, columns] from 0, black, to `white`, row 0 at the top.
+
+    `alpha` is None, or [rows, columns] from 0 to `white`, opaque.
+    """
+
+    colour: np.ndarray
+    alpha: np.ndarray | None
+    white: float
+
+
 def _settings_of(path):
-    settings = read_yaml(path, "a floor plan")
-    if missing := [key for key in _NEEDED if key not in settings]:
+    listed = read_yaml(path, "a floor plan")
+    if missing := [key for key in _NEEDED if key not in listed]:
         raise DataError(f"{path}: the floor plan lacks {', '.join(missing)} (it is a map_server YAML file)")
-    origin, occupied, free = (settings[key] for key in ("origin", "occupied_thresh", "free_thresh"))
-    if not (isinstance(origin, list) and len(origin) == 3 and all(map(_is_number, origin))):
-        raise DataError(f"{path}: origin {origin!r} is not [x, y, yaw] in m and rad")
-    if not (_is_number(settings["resolution"]) and settings["resolution"] > 0):
-        raise DataError(f"{path}: resolution {settings['resolution']!r} is not a positive number of metres per pixel")
-    if not (_is_number(occupied) and _is_number(free) and 0 <= free <= occupied <= 1):
-        raise DataError(f"{path}: thresholds must obey 0 <= free_thresh {free!r} <= occupied_thresh {occupied!r} <= 1")
-    if settings.get("mode", "trinary") not in {"trinary", "scale"}:
-        raise DataError(f"{path}: mode {settings['mode']!r} has no threshold of occupied; use trinary or scale")
-    return settings
+    image, negate, mode = listed["image"], listed.get("negate", 0), listed.get("mode", "trinary")
+    if not (isinstance(image, str) and image and image.isprintable()):
+        raise DataError(f"{path}: image {reprlib.repr(image)} is not the name of a file; quote a number")
+    given = listed["origin"]
+    origin = [_number(one) for one in given] if isinstance(given, list) else []
+    if len(origin) != 3 or None in origin:
+        raise DataError(f"{path}: origin {reprlib.repr(given)} is not [x, y, yaw] in m and rad")
+    resolution, occupied, free = (_number(listed[key]) for key in ("resolution", "occupied_thresh", "free_thresh"))
+    if resolution is None or resolution <= 0:
+        raise DataError(
+            f"{path}: resolution {reprlib.repr(listed['resolution'])} is not a positive number of metres per pixel"
+        )
+    if occupied is None or free is None or not 0 <= free <= occupied <= 1:
+        raise DataError(
+            f"{path}: thresholds must obey 0 <= free_thresh {reprlib.repr(listed['free_thresh'])} <= occupied_thresh "
+            f"{reprlib.repr(listed['occupied_thresh'])} <= 1"
+        )
+    if (negated := _FLAGS.get(str(negate).lower())) is None:
+        raise DataError(
+            f"{path}: negate {reprlib.repr(negate)} is not 0, 1, true or false; with 0 black is occupied, with 1 white"
+        )
+    if str(mode).lower() not in _MODES:
+        raise DataError(f"{path}: mode {reprlib.repr(mode)} is not trinary, scale or raw")
+    return _Settings(image, resolution, (origin[0], origin[1]), origin[2], negated, occupied, free, mode.lower())
 
 
-def _is_number(value):
-    return type(value) in (int, float) and np.isfinite(value)
+def _number(value):
+    """A finite number from what YAML made of it, None for anything else: 5e-2 is text to YAML, which wants 5.0e-2."""
+    if type(value) not in (int, float, str):
+        return None
+    try:
+        number = float(value)
+    except (ValueError, OverflowError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _read_image(path, file):
+    """The `_Pixels` of an image file; `DataError` that names it and the floor plan at `path`."""
+    from PIL import Image  # noqa: PLC0415 - see load_floor_plan
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of metadata and of sizes, which are looked at here
+            with Image.open(file, formats=_FORMATS) as image:
+                if image.width * image.height > MOST_PIXELS:
+                    raise Image.DecompressionBombError(f"{image.width} x {image.height} pixels")
+                pixels = _pixels(image)
+    except Image.DecompressionBombError as error:
+        raise DataError(
+            f"{path}: image {file} is too large ({error}): at most {MOST_PIXELS // 10**6} million pixels are read; cut "
+            "it, or make it coarser and `resolution` larger"
+        ) from None
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError) as error:
+        raise DataError(
+            f"{path}: image {file} cannot be read ({error.strerror}); put it there, or correct `image`"
+        ) from None
+    except PermissionError as error:
+        raise DataError(f"{path}: image {file} cannot be read ({error.strerror}); see that it may be read") from None
+    except Exception as error:  # Pillow's decoders raise nearly anything at damaged bytes
+        reason = str(error).replace(f" {str(file)!r}", "") or type(error).__name__
+        raise DataError(f"{path}: image {file} cannot be read ({reason}); save it again as PNG or PGM") from None
+    if pixels is None:
+        raise DataError(f"{path}: image {file} has 32 bit whole numbers; save it with 8 or 16 bit")
+    wrong = pixels.colour[(pixels.colour < 0) | (pixels.colour > pixels.white)]  # of floats; not a number is unknown
+    if wrong.size:
+        raise DataError(f"{path}: image {file} holds {wrong[0]}; numbers with a point go from 0, black, to 1, white")
+    return pixels
+
+
+def _pixels(image):
+    """The `_Pixels` of an open image; None if nothing says how large white is.
+
+    By hand for what has more than 8 bit, which Pillow would cut off at 255.
+    """
+    wide = image.mode.startswith("I;16") or (image.mode == "I" and image.format in {"PNG", "PPM"})
+    key = image.info.get("transparency")
+    if wide:
+        colour = np.asarray(image).astype(np.int32)
+        return _Pixels(colour, None if key is None else np.where(colour == key, 0, 65535), 65535)
+    if image.mode == "F":
+        return _Pixels(np.asarray(image, np.float64), None, 1)
+    if image.mode == "I":
+        return None
+    if key is not None or image.mode in {"LA", "PA", "RGBA", "La", "RGBa"}:
+        channels = np.asarray(image.convert("RGBA"))
+        return _Pixels(channels[..., :3].sum(axis=2, dtype=np.int32), 3 * channels[..., 3].astype(np.int32), 765)
+    if image.mode in {"1", "L"}:
+        return _Pixels(np.asarray(image.convert("L")).astype(np.int32), None, 255)
+    return _Pixels(np.asarray(image.convert("RGB")).sum(axis=2, dtype=np.int32), None, 765)
+
+
+def _cells_of(image, settings):
+    """FREE, UNKNOWN or OCCUPIED for each pixel [rows, columns], see `load_floor_plan`."""
+    shade, white = image.colour, image.white
+    cells = np.full(shade.shape, UNKNOWN, np.uint8)
+    if settings.mode == "raw":
+        value = np.floor(255 * shade / white + 0.5)
+        cells[value == 100], cells[value == 0] = OCCUPIED, FREE
+        return cells
+    if settings.mode == "trinary" and image.alpha is not None:
+        shade, white = 3 * shade + image.alpha, 4 * white
+    p = (shade if settings.negate else white - shade) / white
+    cells[p > settings.occupied], cells[p < settings.free] = OCCUPIED, FREE
+    if settings.mode == "scale" and image.alpha is not None:
+        cells[image.alpha < white] = UNKNOWN
+    return cells

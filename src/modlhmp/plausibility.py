@@ -191,7 +191,7 @@ def jumps(seen: Evidence) -> Told:
     same = np.diff(rows.track_id) == 0
     seconds = np.maximum(np.diff(rows.t)[same], LEAST_JUMP_S)
     jumped = int((np.hypot(np.diff(rows.x), np.diff(rows.y))[same] > limit * seconds).sum())
-    if jumped < LEAST_JUMPS or jumped <= JUMPS * len(seconds):
+    if len(seconds) < LEAST_ROWS or jumped < LEAST_JUMPS or jumped <= JUMPS * len(seconds):
         return None
     told = f"{jumped} of {len(seconds)} displacements ({jumped / len(seconds):.0%}) are faster than {limit:g} m/s"
     return "warn", told, "do ids change hands? Check `columns: {track_id: ...}`; tracks are cut there (`max_jump_mps`)"

@@ -40,6 +40,9 @@ class Site:
         1.0, "time step of the cleaned tracks and of forecasts [s]"
     )
     observed_rows: int = option(4, "rows that a forecaster sees; the last one is at t0 (at least 2)")
+    forecast_every_s: Seconds | None = option(
+        None, "in the workflow another forecast of a track every so many seconds [s], each at its own t0; null: one"
+    )
     horizon_s: Seconds = option(60.0, "longest horizon [s], a multiple of the time step")
     velocity: Literal["as_recorded", "differences"] = option(
         "differences", "where current velocities come from: the file's own columns, or differences of positions"
@@ -70,12 +73,25 @@ def check_site(site: Site, where: str | Path) -> None:
         raise DataError(f"{where}: hours {list(site.hours)} are empty; say [first, one after the last]")
     if site.observed_rows < 2:
         raise DataError(f"{where}: observed_rows {site.observed_rows} is under 2; a velocity takes two rows")
-    steps = site.horizon_s / site.time_step_s
-    if abs(steps - round(steps)) > 1e-9 or steps < 1:
+    if not _whole(site.horizon_s / site.time_step_s):
         raise DataError(f"{where}: horizon_s {site.horizon_s} is not a multiple of time_step_s {site.time_step_s}")
+    if site.forecast_every_s is not None and not _whole(site.forecast_every_s / site.time_step_s):
+        raise DataError(
+            f"{where}: forecast_every_s {site.forecast_every_s} is not a multiple of time_step_s {site.time_step_s}"
+        )
     weights = site.difference_weights
     if not weights or min(weights) < 0 or not sum(weights):
         raise DataError(f"{where}: difference_weights {list(weights)} are not positive numbers, newest step first")
+    if not sum(weights[: site.observed_rows - 1]):
+        raise DataError(
+            f"{where}: difference_weights {list(weights)} leave no weight for the steps of observed_rows "
+            f"{site.observed_rows}; make one of the first {site.observed_rows - 1} larger, or observe more rows"
+        )
+
+
+def _whole(steps: float) -> bool:
+    """Whether it is a whole number of time steps, one or more."""
+    return abs(steps - round(steps)) <= 1e-9 and steps >= 1
 
 
 def check_timezone(name: str, where: object) -> None:

@@ -10,14 +10,18 @@ import numpy as np
 from modlhmp.kernels import kernel
 
 
-def stream_keys(track_ids: np.ndarray, k: int, *names: object) -> np.ndarray:
+def stream_keys(track_ids: np.ndarray, k: int, *names: object, later_s: np.ndarray | None = None) -> np.ndarray:
     """One 64-bit key per track and sample [n, k], from `names` (seed, dataset, method, recording) and nothing else.
 
-    So a forecast does not depend on batches, order, shards, cores or on how many samples are drawn.
+    So a forecast does not depend on batches, order, shards, cores or on how many samples are drawn. Of several
+    forecasts of a track each has keys of its own by how much `later_s` [n] it is than the first, where that is above 0.
     """
     digest = hashlib.blake2b("\0".join(map(str, names)).encode(), digest_size=8).digest()
     base = np.uint64(int.from_bytes(digest, "little"))
     track = _mix(np.asarray(track_ids, np.int64).astype(np.uint64)[:, None] ^ base)
+    if later_s is not None:
+        later_ms = np.rint(1000 * np.asarray(later_s)).astype(np.uint64)[:, None]
+        track = np.where(later_ms > 0, _mix(track ^ later_ms), track)
     return _mix(track + np.arange(k, dtype=np.uint64) * _GOLDEN)
 
 

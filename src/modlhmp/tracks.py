@@ -3,7 +3,7 @@
 One row per person and time step, sorted by track, then time. Units: s (unix, UTC), m, m/s, rad in (-pi, pi].
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from functools import lru_cache
 from numbers import Integral, Real
@@ -14,7 +14,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.storage import DataError, column, read_parquet, write_parquet
+from modlhmp.storage import DataError, column, read_metadata, read_parquet, write_parquet
 
 COLUMNS = {"track_id": np.int64, "t": np.float64, "x": np.float64, "y": np.float64,
            "speed": np.float64, "heading": np.float64}  # fmt: skip
@@ -84,6 +84,24 @@ def write_tracks(tracks: Tracks, path: str | Path, **provenance: Any) -> None:
     write_parquet(pa.table(dict(zip(COLUMNS, tracks, strict=True))), path, **provenance)
 
 
+def owner_ids(path: str | Path) -> dict[int, str]:
+    """The owner's ids behind the track ids of a clean recording, of those that are no plain numbers (`modlhmp.ids`).
+
+    The second piece of a track that was cut is `P01 #2`.
+    """
+    known = read_metadata(path).get("owners", {})
+    return {int(number): owner + (f" #{piece}" if piece > 1 else "") for number, (owner, piece) in known.items()}
+
+
+def with_owners(table: pa.Table, owners: Mapping[int, str] | None) -> pa.Table:
+    """A table with a column `track_id`, and beside it the owner's ids as `owner_id`; without `owners` as it is."""
+    if owners is None:
+        return table
+    texts = pa.array([owners.get(one, str(one)) for one in column(table, "track_id").tolist()], pa.string())
+    at = table.column_names.index("track_id") + 1
+    return table.add_column(at, "owner_id", texts.dictionary_encode())
+
+
 def read_tracks(path: str | Path) -> Tracks:
     """Read a clean recording; `DataError` if it lacks a column."""
     table = read_parquet(path)
@@ -113,12 +131,12 @@ def runs(first: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
 
 
-def usable_tracks(tracks: Tracks, observed_rows: int = 4) -> np.ndarray:
-    """First and last row of every usable track: more rows than are observed and no gap over 5 s; [n, 2]."""
+def usable_tracks(tracks: Tracks, observed_rows: int = 4, gap_s: float = MAX_GAP_S) -> np.ndarray:
+    """First and last row of every usable track: more rows than are observed and no gap over `gap_s`; [n, 2]."""
     bounds = tracks.bounds()
     first, last = bounds[:-1], bounds[1:] - 1
     gaps = np.zeros(len(tracks.t), bool)
-    gaps[1:] = (np.diff(tracks.t) > MAX_GAP_S) & (np.diff(tracks.track_id) == 0)
+    gaps[1:] = (np.diff(tracks.t) > gap_s) & (np.diff(tracks.track_id) == 0)
     gap_sum = np.concatenate([[0], np.cumsum(gaps)])
     usable = (last - first >= observed_rows) & (gap_sum[last + 1] == gap_sum[first])
     return np.column_stack([first, last])[usable]

@@ -12,7 +12,7 @@ from modlhmp.storage import DataError
 def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
     """The mapping that a YAML file holds, dates as text; `DataError` where it is none, as `what` must be."""
     try:
-        listed = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        listed = _dates_as_text(yaml.safe_load(Path(path).read_text(encoding="utf-8")))
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
@@ -20,11 +20,13 @@ def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
         raise DataError(f"{path}, line {line}: not valid YAML: not UTF-8; save the file in that encoding") from None
     except yaml.MarkedYAMLError as error:
         raise DataError(f"{path}{_explained(error)}") from None
-    except (yaml.YAMLError, ValueError) as error:  # ValueError: a date that does not exist
+    except (yaml.YAMLError, ValueError, OverflowError) as error:  # the last two: a date that does not exist
         raise DataError(f"{path}: not valid YAML: {str(error).splitlines()[0]}") from None
+    except RecursionError:
+        raise DataError(f"{path}: not valid YAML: nested too deep, or an alias (*) within what it stands for") from None
     if not isinstance(listed, dict):
         raise DataError(f"{path}: {what} is a mapping of keys, see config/README.md")
-    return _dates_as_text(listed)
+    return listed
 
 
 def _explained(error: yaml.MarkedYAMLError) -> str:

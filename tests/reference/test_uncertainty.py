@@ -295,7 +295,8 @@ def test_a_file_is_summarised_by_track_then_over_tracks(tmp_path):
     forecasts = [(seed, np.array([10, 11, 12]), futures(rng, n=3, m=8)) for seed in (0, 1)]
     table = score_samples(tracks, forecasts, "day", SITE, 5, [2.0, 6.0])
     write_parquet(table, tmp_path / "m.parquet", horizons_s=[2.0, 6.0])
-    horizons, by_track = read_uncertainty(tmp_path / "m.parquet")
+    horizons, by_track, person = read_uncertainty(tmp_path / "m.parquet")
+    assert len(set(person.tolist())) == 3
     rows = summarise("hall", "m", horizons, by_track).set_index("horizon_s")
     frame = table.to_pandas()
     for column, horizon in enumerate((2.0, 6.0)):

@@ -84,8 +84,8 @@ def test_a_clean_recording_and_a_dataset_file(write, tmp_path):
     write_tracks(PEOPLE, tmp_path / "clean.parquet")
     for ours, theirs in zip(modlhmp.read_tracks(tmp_path / "clean.parquet"), PEOPLE, strict=True):
         np.testing.assert_array_equal(ours, theirs)
-    for name in ("a.csv", "b.csv"):
-        write(CSV, name)
+    write(CSV, "a.csv")
+    write(CSV + CSV.splitlines()[-1], "b.csv")  # a row twice: files with the same bytes are refused
     dataset = write(
         "title: Mine\nreader: delimited\ntimezone: Europe/London\nhours: [8, 18]\nheader: true\nseparator: ';'\n"
         "columns: {track_id: person, t: time, x: x, y: y}\nunits: {time: ms, length: cm}\nrecordings:\n"

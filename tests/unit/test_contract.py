@@ -52,6 +52,13 @@ def test_every_output_keeps_it(name, output):
     check_kind(kinds.find(name), output=output)
 
 
+@pytest.mark.parametrize("observed_rows", [2, 8])
+@pytest.mark.parametrize("name", ["cvm", "cliff", "episodes", "snippets"])
+def test_it_is_kept_whatever_the_number_of_observed_rows(name, observed_rows):
+    """Two rows give one velocity, eight seven: more than there are weights."""
+    check_kind(kinds.find(name), site=dataclasses.replace(contract.SITE, observed_rows=observed_rows))
+
+
 @pytest.mark.parametrize("name", ["MEAN_FLOW", "STANDING", "LINE"])
 def test_an_outside_package_keeps_it(monkeypatch, registered, name):
     """The three that `tests/outside/walking` registers by entry points."""

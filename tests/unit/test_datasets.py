@@ -6,15 +6,18 @@ import gzip
 import json
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 import yaml
 
-from modlhmp.cleaning import RULES
+from modlhmp.cleaning import RULES, clean_recording
 from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, folds, load_dataset, validation_part
 from modlhmp.file_format import Recording
-from modlhmp.readers import read_recording
+from modlhmp.ids import id_of
+from modlhmp.readers import files, read_recording
 from modlhmp.readers.raw import find_recording, open_raw
 from modlhmp.settings import as_plain, build, json_schema
 from modlhmp.splits import FOLDS
@@ -43,11 +46,16 @@ SHIPPED = [
 ]
 
 
+def rows_of(name):
+    """A recording unlike those of other names: equal ones are refused."""
+    return f"{ROWS}# {name}\n"
+
+
 @pytest.fixture
 def load(tmp_path):
     """Function (changes or YAML text) -> MINE with these keys changed (None: left out), written and loaded."""
     for name in ("a.csv", "b.csv"):
-        (tmp_path / name).write_text(ROWS)
+        (tmp_path / name).write_text(rows_of(name))
 
     def load_changed(text=None, root=tmp_path, **changes):
         listed = {key: value for key, value in {**copy.deepcopy(MINE), **changes}.items() if value is not None}
@@ -452,6 +460,26 @@ def test_difference_weights_are_positive(load, weights, told):
 
 def test_a_velocity_takes_two_rows(load):
     refused(load, "observed_rows 1 is under 2", observed_rows=1)
+    refused(load, "observed_s 1 is 1 row of 1 s", "two rows", observed_s=1)
+
+
+@pytest.mark.parametrize(("step_s", "observed_s", "rows"), [(0.4, 3.2, 8), (1.0, 4, 4), (0.1, 0.3, 3)])
+def test_an_observation_in_seconds_is_rows_by_their_step(load, step_s, observed_s, rows):
+    """As the field counts: 8 frames of 0.4 s are 3.2 s, though only 2.8 s lie between the first and the last."""
+    assert load(time_step_s=step_s, horizon_s=12 * step_s, observed_s=observed_s).observed_rows == rows
+
+
+def test_an_observation_is_given_once_and_in_whole_steps(load):
+    eth = {"time_step_s": 0.4, "horizon_s": 4.8}
+    refused(load, "observed_s 3 ", "observed_rows: 8", "keep one", **eth, observed_s=3, observed_rows=8)
+    refused(load, "observed_s 3 is no whole number of steps of 0.4 s", "2.8 or 3.2", **eth, observed_s=3)
+    refused(load, "observed_s", "above 0", **eth, observed_s=-1)
+
+
+def test_the_newest_steps_must_count(load):
+    """With two observed rows there is one step, whose weight would be all."""
+    refused(load, "difference_weights [0.0, 1.0]", "observed_rows 2", observed_rows=2, difference_weights=[0, 1])
+    assert load(observed_rows=3, difference_weights=[0, 1])
 
 
 @pytest.mark.parametrize("label", ["two words", "a/b", "ü"])
@@ -464,13 +492,6 @@ def test_both_splits_are_needed(load, split):
     other = [{**recording, "split": split} for recording in MINE["recordings"]]
     missing = {"train": "test", "test": "train"}[split]
     refused(load, f"no recording has `split: {missing}`", recordings=other)
-
-
-def test_two_recordings_of_one_name_are_refused(load, tmp_path):
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "a.csv").write_text(ROWS)
-    more = [*MINE["recordings"], {"files": "other/a.csv", "day": "2020-03-04", "split": "test"}]
-    refused(load, "two recordings are named a;", "different names", recordings=more)
 
 
 @pytest.mark.parametrize("text", ["", "just text", "- a\n- b\n", "42"])
@@ -538,7 +559,8 @@ def test_the_json_schema_takes_what_is_shipped(config_folder, name):
 def days(folder, names):
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
-        (folder / name).write_text(ROWS)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(rows_of(f"{folder.name}/{name}"))
 
 
 def glob_entries(pattern, split="train"):
@@ -556,6 +578,175 @@ def test_a_glob_stands_for_its_files_in_order(load, tmp_path):
 
 def test_a_glob_without_a_file_is_refused(load):
     refused(load, "no file matches", "nothing/*.csv", "data_root", recordings=glob_entries("nothing/*.csv"))
+
+
+def test_two_stars_stand_for_any_number_of_folders(load, tmp_path):
+    """Also none: `mon/**/*.csv` finds what lies in `mon` itself. A folder is no recording, whatever its name."""
+    days(tmp_path / "mon", ["1.csv", "early/2.csv", "late/evening/3.csv", "late/notes.txt"])
+    (tmp_path / "mon/folder.csv").mkdir()
+    found = [one for one in load(recordings=glob_entries("mon/**/*.csv")).recordings if one.split == "train"]
+    assert [one.file for one in found] == ["mon/1.csv", "mon/early/2.csv", "mon/late/evening/3.csv"]
+    found = load(recordings=glob_entries("mon/*/*.csv")).recordings
+    assert [one.name for one in found] == ["2", "b"]
+
+
+@pytest.mark.parametrize("name", ["x[1].csv", "star*.csv", "what?.csv", "[ab].csv", "**.csv", "{a,b}.csv", "{x}.csv"])
+@pytest.mark.parametrize("suffix", ["", ".gz"])
+def test_a_file_of_exactly_this_name_is_meant(load, tmp_path, name, suffix):
+    """Whatever it would stand for as a glob; also where it is compressed."""
+    days(tmp_path, ["x1.csv", "stars.csv", "whats.csv", name])
+    if suffix:
+        (tmp_path / name).rename(tmp_path / f"{name}.gz")
+    found = load(recordings=glob_entries(name)).recordings
+    assert [one.file for one in found] == [name + suffix, "b.csv"]
+    assert found[0].name == name.removesuffix(".csv")
+    assert found[0].exists
+
+
+def test_braces_stand_for_nothing(load, tmp_path):
+    days(tmp_path, ["monday.csv", "tuesday.csv"])
+    refused(load, "files '{monday,tuesday}.csv'", "an entry for each", recordings=glob_entries("{monday,tuesday}.csv"))
+    refused(load, "files 'days/{1,2}*.csv'", "an entry for each", recordings=glob_entries("days/{1,2}*.csv"))
+
+
+def test_a_folder_is_no_recording(load, tmp_path):
+    (tmp_path / "mon").mkdir()
+    refused(load, "files 'mon' is a folder", "mon/**/*.csv", recordings=glob_entries("mon"))
+
+
+def test_globs_do_not_reach_into_archives(load, tmp_path):
+    zipped(tmp_path / "all.zip", {"1.csv": ROWS, "2.csv": ROWS})
+    refused(load, "files 'all.zip/*.csv'", "into archives", "one by one", recordings=glob_entries("all.zip/*.csv"))
+
+
+def test_a_name_that_no_file_can_have_is_refused(load):
+    refused(load, "cannot be looked for", "too long", recordings=glob_entries("a" * 300))
+
+
+@pytest.mark.parametrize(
+    "name", ["a b.csv", "Ölberg, früh.csv", "日曜.csv", "q'u\"o.csv", "$(touch x).csv", "-rf.csv", "100%.csv"]
+)
+def test_any_other_name_is_fine(load, tmp_path, name):
+    days(tmp_path, [name])
+    one = load(recordings=glob_entries(name)).recordings[0]
+    assert (one.name, one.file, one.exists) == (name.removesuffix(".csv"), name, True)
+
+
+def test_a_tilde_is_the_home_folder(load, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    days(tmp_path / "walks", ["a.csv", "b.csv"])
+    for root in ("~/walks", Path("~/walks")):
+        assert [one.path for one in load(root=root).recordings] == [str(tmp_path / f"walks/{n}.csv") for n in "ab"]
+    assert load(root="~nobody_of_this_name/walks").recordings[0].path == "~nobody_of_this_name/walks/a.csv"
+
+
+def test_recordings_may_not_be_written_to(load, tmp_path):
+    """Finding, comparing and reading leaves the folder as it is."""
+    root = tmp_path / "locked"
+    days(root, ["a.csv", "b.csv"])
+    before = {file: file.stat().st_mtime_ns for file in (root, *root.iterdir())}
+    root.chmod(0o555)
+    try:
+        for one in load(root=root).recordings:
+            read_recording(one.path, load(), one.day, one.start)
+    finally:
+        root.chmod(0o755)
+    assert {file: file.stat().st_mtime_ns for file in (root, *root.iterdir())} == before
+
+
+# --- what recordings are called, and which are the same -------------------------------------------------------------
+
+
+def named(load, *files):
+    """{file: name} of training recordings in these files."""
+    entries = [{"files": file, "day": "2020-03-02", "split": "train"} for file in files]
+    found = load(recordings=[*entries, {**MINE["recordings"][1], "files": "b.csv"}]).recordings
+    return {(f"{one.file}/{one.member}" if one.member else one.file): one.name for one in found}
+
+
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        (["day1/tracks.csv", "day2/walks.csv"], ["tracks", "walks"]),
+        (["day1/tracks.csv", "day2/tracks.csv"], ["day1.tracks", "day2.tracks"]),
+        (["day1/tracks.csv", "day2/tracks.csv", "day2/x.csv"], ["day1.tracks", "day2.tracks", "x"]),
+        (["tracks.csv", "day1/tracks.csv"], ["tracks", "day1.tracks"]),
+        (["1.3/t.csv", "1/3.t.csv", "2/t.csv"], ["1..3.t", "3.t", "2.t"]),
+        (["1.3/t.csv", "1/3.t.csv", "2/t.csv", "2/3.t.csv"], ["1..3.t", "1.3..t", "2.t", "2.3..t"]),
+        (["day1/t.csv", "day2/t.csv", "day1.t.csv"], ["day1.t", "day2.t", "day1..t"]),
+        (["day1/t.csv", "day2/t.csv", "day1.t.csv", "x/day1..t.csv"], ["day1.t", "day2.t", "day1..t", "x.day1....t"]),
+        (["day1/t.csv", "day2/t.txt"], ["day1.t", "day2.t"]),
+    ],
+)
+def test_the_name_is_the_files_or_its_path(load, tmp_path, files, names):
+    """The stem, which keys the random numbers, wherever it is unique; no two recordings share a name."""
+    days(tmp_path, files)
+    assert named(load, *files) == {**dict(zip(files, names, strict=True)), "b.csv": "b"}
+
+
+def test_members_of_archives_are_named_likewise(load, tmp_path):
+    for name in ("x.zip", "y.zip"):
+        zipped(tmp_path / name, {"t.csv": rows_of(name), "u.csv": rows_of(f"{name}u")})
+    files = ["x.zip/t.csv", "y.zip/t.csv", "x.zip/u.csv"]
+    assert [named(load, *files)[file] for file in files] == ["x..zip.t", "y..zip.t", "u"]
+
+
+@pytest.mark.parametrize("other", ["a.txt", "a.csv.gz"])
+def test_files_that_only_their_suffix_tells_apart_are_refused(load, tmp_path, other):
+    (tmp_path / other).write_text("something else\n")
+    more = [*MINE["recordings"], {**MINE["recordings"][1], "files": other}]
+    refused(load, "two recordings are named a: a.csv and", other, "different names", recordings=more)
+
+
+@pytest.mark.parametrize(
+    "twice", [("a.csv", "a.csv"), ("a.csv", "*a.csv"), ("new.csv", "new.csv"), ("x.zip/t.csv",) * 2]
+)
+def test_a_file_listed_twice_is_refused(load, tmp_path, twice):
+    """Also under another day and split: its people would be in both."""
+    zipped(tmp_path / "x.zip", {"t.csv": ROWS})
+    entries = [{**one, "files": file} for one, file in zip(MINE["recordings"], twice, strict=True)]
+    refused(load, f"{twice[0]} is listed twice; leave one out", recordings=entries)
+
+
+@pytest.mark.parametrize("link", ["symlink_to", "hardlink_to"])
+def test_a_file_with_two_names_is_refused(load, tmp_path, link):
+    (tmp_path / "b.csv").unlink()
+    getattr(tmp_path / "b.csv", link)(tmp_path / "a.csv")
+    refused(load, "a.csv and b.csv are the same file; leave one out")
+
+
+def test_a_copy_of_a_file_is_refused(load, tmp_path):
+    (tmp_path / "b.csv").write_text(rows_of("a.csv"))
+    refused(load, "a.csv and b.csv hold the same bytes", "leave one out")
+
+
+def test_only_what_is_alike_is_read(load, tmp_path, monkeypatch):
+    """Sizes first, then beginnings; the whole of a file only where these are the same. What is missing is not read."""
+    hashed = []
+    monkeypatch.setattr(files, "_HEAD_BYTES", 4)
+    monkeypatch.setattr(files, "file_sha256", lambda path: hashed.append(Path(path).name) or path)
+    texts = {
+        "a.csv": "same1",
+        "b.csv": "same2",
+        "c.csv": "same, but longer",
+        "d.csv": "other",
+        "e.csv": "",
+        "f.csv": "",
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text)
+    load(recordings=[{**MINE["recordings"][0], "files": name} for name in (*texts, "missing.csv")] + [
+        {**MINE["recordings"][1], "files": "missing too.csv"}
+    ])  # fmt: skip
+    assert sorted(hashed) == ["a.csv", "b.csv"]
+
+
+def test_a_file_that_cannot_be_read_is_its_readers_matter(load, monkeypatch):
+    def forbidden(_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(files, "_head", forbidden)
+    assert len(load().recordings) == 2
 
 
 def test_a_glob_works_below_a_folder_with_brackets(load, tmp_path):
@@ -620,3 +811,45 @@ def test_stems_keep_dots_that_are_no_suffix(load, tmp_path):
     days(tmp_path, ["tracks.01Jul.txt"])
     entry = {**MINE["recordings"][0], "files": "tracks.01Jul.txt"}
     assert load(recordings=[entry, MINE["recordings"][1]]).recordings[0].name == "tracks.01Jul"
+
+
+# --- one file a person --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", ["header", "plain", "text"])
+def test_files_of_one_person_each_are_one_recording(tmp_path, form):
+    folder = tmp_path / "people"
+    folder.mkdir()
+    for n, name in enumerate(["000002", "P 7" if form != "text" else "P7", "12"]):
+        rows = [(k, 1.2 * k, float(n)) for k in range(8)]
+        mark = " " if form == "text" else ","
+        lines = [mark.join(map(str, row)) for row in rows]
+        (folder / f"{name}.txt").write_text("\r\n".join([*(["t,x,y"] if form == "header" else []), *lines, ""]))
+    columns = {"t": "t", "x": "x", "y": "y"} if form == "header" else {"t": 0, "x": 1, "y": 2}
+    listed = {
+        **MINE, "file_is": "person", "reader": "text" if form == "text" else "delimited", "header": form == "header",
+        "columns": columns, "clock": "unknown", "hours": None,
+        "recordings": [{"files": "people/*.txt", "split": {"by": "person", "test": 0.4}}],
+    }  # fmt: skip
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(listed))
+    dataset = load_dataset(tmp_path / "mine.yaml", tmp_path)
+    assert [one.name for one in dataset.recordings] == ["people-train", "people-test"]
+    whole = replace(dataset.recordings[0], chosen=None)
+    tracks, account = clean_recording(whole.path, dataset, whole)
+    ids = {"000002", "P 7" if form != "text" else "P7", "12"}
+    assert set(tracks.track_id.tolist()) == {id_of(one) for one in ids}
+    assert account["rows"] == {"read": 24, "kept": 24, "dropped": {}}
+    np.testing.assert_allclose(tracks.speed[np.isfinite(tracks.speed)], 1.2)
+
+
+def test_who_a_row_is_of_is_said_once(load):
+    without = {name: column for name, column in MINE["columns"].items() if name != "track_id"}
+    refused(load, "no track_id: say whose a row is, or set `file_is: person`", columns=without)
+    refused(load, "a track_id: leave it out", file_is="person")
+
+
+def test_forecasts_of_a_track_are_whole_steps_apart(load):
+    assert load().forecast_every_s is None
+    assert load(forecast_every_s=10).forecast_every_s == 10
+    refused(load, "forecast_every_s 2.5 is not a multiple of time_step_s 1.0", forecast_every_s=2.5)
+    refused(load, "forecast_every_s", "above 0", forecast_every_s=0)

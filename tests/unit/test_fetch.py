@@ -383,3 +383,10 @@ def test_missing_message(path):
         "data_root",
     ):
         assert word in text
+
+
+def test_a_folder_that_cannot_be_written_to_is_named(tmp_path):
+    """Here a file stands where the folder should be: nobody who runs tests as root is refused otherwise."""
+    (tmp_path / "data").write_text("")
+    with pytest.raises(DataError, match=r"day\.csv\.part: the folder cannot be written to \(.*\); .* data_root"):
+        fetch("http://127.0.0.1:9/day.csv", tmp_path / "data/day.csv")

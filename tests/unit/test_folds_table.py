@@ -55,9 +55,11 @@ def test_folds_together_are_one_dataset(layout, parts):
 
 def test_a_row_says_errors_n_and_difference(layout, parts, tmp_path):
     stem = str(tmp_path / "folds")
-    folds_table.draw(
-        layout, parts, stem, TITLES, "tc", [1.0, 4.0, 99.0], dict.fromkeys(["day-fold-1", "day-fold-2"], "2030-01-01")
+    days, horizons = (
+        dict.fromkeys(["day-fold-1", "day-fold-2"], "2030-01-01"),
+        {part.name: [1.0, 4.0] for part in parts},
     )
+    folds_table.draw(layout, parts, stem, TITLES, "tc", horizons, days)
     table = pd.read_csv(f"{stem}.csv").set_index("method")
     assert list(table.columns) == ["dataset", "1 s", "4 s", "paper protocol, the longest horizon"]
     assert set(table["dataset"]) == {"Hall"}

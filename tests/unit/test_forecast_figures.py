@@ -10,11 +10,12 @@ import pytest
 from modlhmp.datasets import Area, Dataset
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.files import write_forecasts
+from modlhmp.forecasting.windows import windows
 from modlhmp.scoring.recording import score_recording
-from modlhmp.storage import write_parquet
+from modlhmp.storage import read_parquet, write_parquet
 from modlhmp.study.exhibits import example_forecasts, paths, ranked_forecasts, style
 from modlhmp.study.exhibits.selection import Example, errors_at, example_track
-from modlhmp.tracks import Tracks, write_tracks
+from modlhmp.tracks import Tracks, with_owners, write_tracks
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=2.0, horizon_s=60.0, demo=True)
 STEPS = 30
@@ -55,9 +56,9 @@ def test_the_median_track_by_hand():
         [("b", 1, 2.0, True), ("a", 9, 2.0, True), ("a", 3, 2.0, True), ("a", 1, 7.0, True), ("a", 5, np.nan, True),
          ("a", 2, 0.1, False)],
         columns=["recording", "track_id", "ade_m", "eligible"],
-    )  # fmt: skip
-    assert example_track(errors) == Example("a", 9, 4)
-    assert example_track(errors.iloc[::-1]) == Example("a", 9, 4)
+    ).assign(owner="P1")  # fmt: skip
+    assert example_track(errors) == Example("a", 9, 4, "P1")
+    assert example_track(errors.iloc[::-1]) == Example("a", 9, 4, "P1")
     assert example_track(errors[errors["track_id"] == 5]) is None
 
 
@@ -66,7 +67,15 @@ def test_errors_are_read_from_the_file(layout):
     errors = errors_at(layout.errors("hall", "tc_cliff"), STEPS)
     assert errors.sort_values("track_id")["ade_m"].tolist() == [1, 2, 3, 4, 5]
     assert errors["eligible"].all()
-    assert example_track(errors) == Example("day", 3, 5)
+    assert example_track(errors) == Example("day", 3, 5, "3")
+
+
+def test_the_owner_s_id_is_shown(layout):
+    """Where a track id is a number of ours."""
+    make_run(layout)
+    file = layout.errors("hall", "tc_cliff")
+    write_parquet(with_owners(read_parquet(file), {3: "P03 #2"}), file)
+    assert paths.who(example_track(errors_at(file, STEPS))).startswith("track P03 #2 of day")
 
 
 def test_ranked_figure_holds_its_numbers(tmp_path, layout):
@@ -179,3 +188,23 @@ def test_a_forecasts_file_of_nobody(tmp_path):
     write_forecasts(tmp_path / "f.parquet", [(0, np.empty(0, int), nothing)])
     assert pa.parquet.read_table(tmp_path / "f.parquet").num_rows == 0
     assert paths.forecast_of(tmp_path / "f.parquet", 7) is None
+
+
+def test_the_example_of_several_forecasts_of_a_track_is_its_first(layout):
+    """The rule chooses among tracks, however often each is forecast; the figures show their first forecast."""
+    often, tracks = dataclasses.replace(HALL, forecast_every_s=4), walkers(5, 10 + STEPS)
+    later = windows(tracks, often)
+    assert len(later.t0) > 20
+    errors = []
+    for name, wanted in (("often", later), ("once", windows(tracks, HALL))):
+        aside = (wanted.track_id + 50 * (wanted.later_s > 0)).astype(np.float32)
+        xy = np.zeros((len(aside), 1, STEPS, 2), np.float32)
+        xy[..., 0], xy[..., 1] = 7.0, (wanted.track_id + aside)[:, None, None]
+        forecast = Forecast(xy, np.zeros(xy.shape[:3], np.float32), np.full((len(aside), 1), STEPS, np.int32), "single")
+        file, of = layout.forecast("hall", name, "day"), often if name == "often" else HALL
+        write_forecasts(file, [(0, wanted.track_id, forecast)], wanted.t0 if name == "often" else None)
+        write_parquet(score_recording(tracks, [(0, wanted.track_id, forecast)], "day", of), layout.errors("hall", name))
+        errors.append(errors_at(layout.errors("hall", name), STEPS).reset_index(drop=True))
+        assert paths.forecast_of(file, 3).xy[0, 0, 1] == 6.0
+    pd.testing.assert_frame_equal(*errors)
+    assert example_track(errors[0]) == example_track(errors[1])

@@ -96,7 +96,7 @@ def test_the_table_of_claims_has_a_row_per_dataset_and_test(layout, tmp_path):
         titles,
         kinds,
         {},
-        [5, 10],
+        {name: [5, 10] for name in RECORDINGS},
         [],
         dict.fromkeys(RECORDINGS, DAYS),
     )

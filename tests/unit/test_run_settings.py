@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from modlhmp.settings import as_plain, build
 from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
 from modlhmp.study.configuration import load_datasets, load_run
+from modlhmp.study.layout import Layout
+from modlhmp.study.plan import Plan
 from modlhmp.study.settings import RunSettings
 
 DATASETS = Path(__file__).parents[2] / "config/datasets"
@@ -716,6 +719,63 @@ def test_without_a_clock_there_are_no_maps_by_hours(config):
     run = load({**config, "run": "mine", "datasets": ["hotel"]})
     with pytest.raises(DataError, match=r"hotel\.yaml: its `clock` is unknown.*leave tc_cliff, .*stef"):
         load_datasets(run, DATASETS, "nowhere", "demo")
+
+
+@pytest.mark.parametrize(
+    ("name", "told"),
+    [
+        ("{x}.csv", "the character '{'"), ("x}.csv", "the character '}'"), ("<wild>.csv", "the character '<'"),
+        ("{day}/b.csv", "the character '{'"), ("new\nline.csv", r"the character '\n'"),
+        (os.fsdecode(b"caf\xe9.csv"), r"the character '\udce9'"), ("ü" * 101 + ".csv", "at most 200 bytes"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("missing", [False, True], ids=["there", "missing"])
+def test_names_that_the_workflow_cannot_take_are_refused(tmp_path, config, name, told, missing):
+    """Its wildcards, ends of lines, bytes that are no text, and what leaves no room for a suffix."""
+    if not missing:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("0,0,0,0\n")
+    listed = {
+        "title": "Own", "reader": "delimited", "timezone": "UTC", "horizon_s": 10, "velocity": "differences",
+        "columns": {"t": 0, "track_id": 1, "x": 2, "y": 3}, "citation": "made up", "terms": "free",
+        "recordings": [
+            {"files": "a.txt", "day": "2010-07-01", "start": "09:00", "split": "train"},
+            {"files": "caf*.csv" if "\udce9" in name else name, "day": "2010-07-02", "start": "09:00", "split": "test"},
+        ],
+    }  # fmt: skip
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(listed))
+    run = load_run({**config, "run": "own", "datasets": ["mine"]}, tmp_path)
+    if missing and "\udce9" in name:
+        told = "no file matches"  # YAML cannot name such bytes
+    with pytest.raises(DataError, match=r"mine\.yaml: ") as error:
+        load_datasets(run, tmp_path, tmp_path, "demo")
+    assert told in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+# --- horizons -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("section", ["tables", "ladder"])
+def test_horizons_of_which_a_dataset_has_none_are_refused(config, section, tmp_path):
+    """At once, not after hours of a run; without any chosen ones every dataset has some."""
+    config[section] = {**config.get(section, {}), "horizons_s": [90, 120]}
+    with pytest.raises(DataError) as error:
+        load_datasets(load(config), DATASETS, tmp_path, tmp_path)
+    for part in (f"configuration, {section}.horizons_s", "demo_hall", "[90, 120]", "1 s", "60 s", "leave the key out"):
+        assert part in str(error.value)
+    config[section]["horizons_s"] = [20, 120]
+    assert load_datasets(load(config), DATASETS, tmp_path, tmp_path)
+    config[section]["horizons_s"] = None
+    assert load_datasets(load(config), DATASETS, tmp_path, tmp_path)
+
+
+def test_the_shipped_datasets_have_the_paper_s_horizons(config, tmp_path):
+    run = load(config)
+    plan = Plan(run, Layout(run.run), load_datasets(run, DATASETS, tmp_path, tmp_path))
+    assert plan.horizons["demo_hall"] == [5, 10, 20, 30, 60]
+    assert plan.horizons["demo_forum"] == plan.ladder_horizons["demo_forum"] == [5, 10, 20]
+    assert plan.ladder_horizons["demo_hall"] == [5, 10, 20, 60]
 
 
 def test_a_strict_run_makes_every_dataset_strict(config):

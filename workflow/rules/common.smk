@@ -19,6 +19,7 @@ from modlhmp.study.plan import (
     FORECAST_KEYS,
     SCORE_KEYS,
     SITE_KEYS,
+    TRAINING_KEYS,
     Plan,
 )
 from modlhmp.study.configuration import load_datasets, load_run
@@ -26,12 +27,11 @@ from modlhmp.study.versions import code_version
 
 # For the jobs, read when PyTorch loads OpenMP: threads that wait by spinning stall other processes.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-ROOT = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parents[1]
 
 try:
     RUN = load_run(config, ROOT / "config/datasets")
     LAYOUT = Layout(RUN.run)
-    DATA_ROOT = os.environ.get("MODLHMP_DATA") or RUN.data_root
+    DATA_ROOT = os.path.expanduser(os.environ.get("MODLHMP_DATA") or RUN.data_root)
     DATASETS = load_datasets(RUN, ROOT / "config/datasets", DATA_ROOT, LAYOUT.demo)
 except DataError as error:
     raise WorkflowError(f"\n{error}") from None

@@ -30,7 +30,7 @@ for method in PLAN.trained:
             method=lambda wildcards, method=method: PLAN.method(
                 wildcards.dataset, method
             ).plain(),
-            dataset=settings_of(*FORECAST_KEYS),
+            dataset=settings_of(*TRAINING_KEYS),
             days=neighbours_of("train"),
             code=method_code("train_network", method),
         message:

@@ -88,12 +88,16 @@ rule fetch_recording:
         "../scripts/fetch_recording.py"
 
 
+def files_of_recording(wildcards):
+    """The file of a recording, or those of its people."""
+    recording = DATASETS[wildcards.dataset].recording(wildcards.recording)
+    return list(recording.people) or recording.stored
+
+
 rule clean_recording:
     """Read a recording, drop bad rows and tracks, counted by reason, and resample it to the time step."""
     input:
-        raw=lambda wildcards: DATASETS[wildcards.dataset]
-        .recording(wildcards.recording)
-        .stored,
+        raw=files_of_recording,
     output:
         tracks=LAYOUT.tracks("{dataset}", "{recording}"),
         account=LAYOUT.account("{dataset}", "{recording}"),
@@ -113,7 +117,7 @@ rule clean_recording:
                 )
             )
             for key in (
-                *("file", "member", "day", "start", "days"),
+                *("file", "member", "day", "start", "days", "people"),
                 *("split", "chosen", "part"),
             )
         },

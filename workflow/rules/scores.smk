@@ -24,6 +24,7 @@ rule score_method:
     params:
         run=RUN.run,
         dataset=settings_of(*SCORE_KEYS),
+        origin_m=lambda wildcards: DATASETS[wildcards.dataset].origin_m,
         recordings=names_of("test"),
         code=code_of("score_method"),
     message:
@@ -73,7 +74,7 @@ rule measure_encounters:
         run=RUN.run,
         dataset=settings_of(*SCORE_KEYS),
         recordings=neighbours_of("test"),
-        horizons=list(RUN.tables.horizons_s),
+        horizons=lambda wildcards: PLAN.horizons[wildcards.dataset],
         code=code_of("measure_encounters"),
     message:
         "Encounters of {wildcards.method} on {wildcards.dataset}"
@@ -110,7 +111,7 @@ rule measure_uncertainty:
         dataset=settings_of(*FORECAST_KEYS),
         recordings=names_of("test"),
         seeds=lambda wildcards: SEEDS[wildcards.method],
-        horizons=list(RUN.tables.horizons_s),
+        horizons=lambda wildcards: PLAN.horizons[wildcards.dataset],
         code=lambda wildcards: method_code("measure_uncertainty", wildcards.method),
     message:
         "Measure the distribution of {wildcards.method} on {wildcards.dataset}"
@@ -137,7 +138,7 @@ rule compare_methods:
         dataset=settings_of("time_step_s", "horizon_s"),
         pairs=PLAN.tested_pairs,
         horizons=lambda wildcards: claim_horizons(
-            DATASETS[wildcards.dataset], RUN.tables.horizons_s
+            DATASETS[wildcards.dataset], PLAN.horizons[wildcards.dataset]
         ),
         days=lambda wildcards: DATASETS[wildcards.dataset].days("test"),
         code=code_of("compare_methods"),
@@ -243,6 +244,7 @@ rule climb_ladder:
         run=RUN.run,
         methods=RUN.ladder_methods,
         ladder=as_plain(RUN.ladder),
+        horizons=lambda wildcards: PLAN.ladder_horizons[wildcards.dataset],
         dataset=settings_of("time_step_s", "horizon_s"),
         days=lambda wildcards: DATASETS[wildcards.dataset].days("test"),
         code=code_of("climb_ladder"),

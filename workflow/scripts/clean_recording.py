@@ -17,9 +17,10 @@ with job_log(snakemake.log[0]) as log:
     source = next((one for one in params.sources if one["file"] == recording.file), None)
     if source is not None:
         check_sum(raw, recording.file, source["sha256"], params.sums)
-    path = Path(raw, recording.member) if recording.member else raw
+    path = Path(raw, recording.member) if recording.member else str(raw)
     tracks, account = clean_recording(path, build(FileFormat, params.dataset), recording)
     log.info("account: %s", account)
     write_text(snakemake.output.account, json.dumps(account, indent=2) + "\n")
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
-    write_tracks(tracks, snakemake.output.tracks, **origin)
+    owners = {"owners": account["owners"]} if "owners" in account else {}
+    write_tracks(tracks, snakemake.output.tracks, **origin, **owners)

@@ -5,7 +5,6 @@ from itertools import pairwise
 import pyarrow as pa
 
 from modlhmp.logs import job_log, progress
-from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance, write_parquet
@@ -16,7 +15,7 @@ from modlhmp.study.summary import at_horizons
 with job_log(snakemake.log[0]) as log:
     params, dataset = snakemake.params, snakemake.wildcards.dataset
     layout, site, ladder = Layout(params.run), build(Site, params.dataset), params.ladder
-    horizons, step_s = scored_horizons(ladder["horizons_s"], site), site.time_step_s
+    horizons, step_s = params.horizons, site.time_step_s
     errors = {
         method: at_horizons(layout.errors(dataset, method), horizons, step_s)
         for method in progress(params.methods, desc="methods")

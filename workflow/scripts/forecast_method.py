@@ -2,13 +2,14 @@
 
 from modlhmp.forecasting.files import STORED, write_forecasts
 from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.forecasting.windows import windows
 from modlhmp.logs import job_log
 from modlhmp.methods import Method, make_forecaster
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import read_tracks
+from modlhmp.tracks import owner_ids, read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
@@ -21,10 +22,14 @@ with job_log(snakemake.log[0]) as log:
     for recording, others in params.recordings.items():
         own, *rest = [layout.tracks(names.dataset, name) for name in (recording, *others)]
         key = (names.dataset, names.method, recording)
+        tracks = read_tracks(own)
         forecasts = forecast_recording(
-            read_tracks(own), forecaster, site, key, method.futures, params.seeds,
+            tracks, forecaster, site, key, method.futures, params.seeds,
             map(read_tracks, rest) if learned else None, STORED,
         )  # fmt: skip
         origin = provenance({**names, "recording": recording}, dict(params), [own, *rest, *made_of])
-        write_forecasts(layout.forecast(names.dataset, names.method, recording), forecasts, **origin)
+        t0 = None if site.forecast_every_s is None else windows(tracks, site).t0
+        write_forecasts(
+            layout.forecast(names.dataset, names.method, recording), forecasts, t0, owner_ids(own), **origin
+        )
         log.info("%s: forecast", recording)

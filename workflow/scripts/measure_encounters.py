@@ -8,7 +8,6 @@ from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log
 from modlhmp.scoring.encounters import encounters
 from modlhmp.scoring.errors import nan_mean, seed_mean
-from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance, write_parquet
@@ -33,7 +32,7 @@ with job_log(snakemake.log[0]) as log:
             float(nan_mean(truth[:, step], axis=0)),
             int((length > step).sum()),
         )
-        for horizon in scored_horizons(params.horizons, site)
+        for horizon in params.horizons
         for step in [round(horizon / site.time_step_s) - 1]
     ]
     table = pd.DataFrame(rows, columns=["horizon_s", "met", "truth_met", "n"])

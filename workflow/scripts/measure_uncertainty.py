@@ -6,7 +6,6 @@ from modlhmp.forecasting.files import read_forecasts
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.logs import job_log, progress
 from modlhmp.methods import Method, make_forecaster
-from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.settings import build
 from modlhmp.site import Site
@@ -21,7 +20,6 @@ with job_log(snakemake.log[0]) as log:
     made = files.get("forecasts")  # a network's, which are as many samples as it has
     if not made:
         forecaster = make_forecaster(method.kind, method.options, site, files.get("map"), files.get("exits"))
-    horizons = scored_horizons(params.horizons, site) or [site.horizon_s]
     tables, drawn = [], max(method.futures, params.samples)
     for name, file in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
         tracks, key = read_tracks(file), (names.dataset, names.method, name)
@@ -29,9 +27,9 @@ with job_log(snakemake.log[0]) as log:
             forecasts = read_forecasts(layout.forecast(*key))
         else:
             forecasts = forecast_recording(tracks, forecaster, site, key, drawn, params.seeds)
-        tables.append(score_samples(tracks, forecasts, name, site, method.futures, horizons))
+        tables.append(score_samples(tracks, forecasts, name, site, method.futures, params.horizons))
     if not any(table.num_rows for table in tables):
         rows = site.observed_rows + 1
         raise DataError(f"{names.dataset}: no test track has {rows} rows without a gap over 5 s to measure")
-    origin = provenance(dict(names), dict(params), files)
-    write_parquet(pa.concat_tables(tables).unify_dictionaries(), snakemake.output[0], **origin, horizons_s=horizons)
+    origin = provenance(dict(names), dict(params), files) | {"horizons_s": params.horizons}
+    write_parquet(pa.concat_tables(tables).unify_dictionaries(), snakemake.output[0], **origin)

@@ -1,6 +1,6 @@
 """Rule score_method."""
 
-from modlhmp.floor_plan import load_floor_plan
+from modlhmp.floor_plan import load_floor_plan, moved
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log, progress
 from modlhmp.scoring.recording import score_recording
@@ -8,16 +8,20 @@ from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import DataError, provenance, write_pieces
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import read_tracks
+from modlhmp.tracks import owner_ids, read_tracks, with_owners
 
 
 def scored(files, params, names, log):
     """Errors of one recording after the other; `DataError` if there are none at all."""
     layout, site = Layout(params.run), build(Site, params.dataset)
-    plan, rows = load_floor_plan(files.floor_plan[0]) if files.floor_plan else None, 0
+    plan, rows = None, 0
+    if files.floor_plan:
+        plan = moved(load_floor_plan(files.floor_plan[0]), params.origin_m)
+    known = {number: owner for file in files.tracks for number, owner in owner_ids(file).items()}
+    owners = known or None
     for recording, tracks in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
         forecasts = read_forecasts(layout.forecast(names.dataset, names.method, recording))
-        errors = score_recording(read_tracks(tracks), forecasts, recording, site, plan)
+        errors = with_owners(score_recording(read_tracks(tracks), forecasts, recording, site, plan), owners)
         rows += errors.num_rows
         if errors.num_rows:
             yield errors

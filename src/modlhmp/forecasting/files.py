@@ -1,7 +1,7 @@
-"""The file form of forecasts: one row per track and seed, in the blocks in which they are made."""
+"""The file form of forecasts: one row per forecast and seed, in the blocks in which they are made."""
 
 import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,30 +10,63 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from modlhmp.forecasting.base import Forecast
-from modlhmp.storage import column, read_metadata, write_parquet, write_pieces
+from modlhmp.storage import column, read_metadata, read_parquet, write_parquet, write_pieces
+from modlhmp.tracks import with_owners
 
 STORED = 20  # of the samples behind a median, a medoid or modes; all of them would be gigabytes
 
 
-def write_forecasts(path: str | Path, forecasts: Iterable[tuple[int, np.ndarray, Forecast]], **provenance: Any) -> None:
-    """Write forecasts as they come, one row per track and seed, one row group per block."""
+def write_forecasts(
+    path: str | Path,
+    forecasts: Iterable[tuple[int, np.ndarray, Forecast]],
+    t0: np.ndarray | None = None,
+    owners: Mapping[int, str] | None = None,
+    **provenance: Any,
+) -> None:
+    """Write forecasts as they come, one row per track and seed, one row group per block.
+
+    Where a track is forecast several times, `t0` [n] in unix s, those of each seed's forecasts, tell them apart. The
+    owner's ids of tracks (`tracks.owner_ids`) are written beside ours where there are some.
+    """
     forecasts = iter(forecasts)
     first = next(forecasts, None)
     if first is None:  # the average of files without a row
         write_parquet({"track_id": np.empty(0, np.int64)}, path, **provenance, output="single", k=1, steps=0)
         return
     _, k, steps, _ = first[2].xy.shape
-    tables = (_table(*block) for block in itertools.chain([first], forecasts))
+    tables = (with_owners(one, owners or None) for one in _tables(itertools.chain([first], forecasts), t0))
     write_pieces(tables, path, **provenance, output=first[2].output, k=k, steps=steps)
 
 
-def _table(seed, track_ids, forecast):
-    """A block of forecasts as a table."""
-    columns = {"track_id": track_ids, "seed": np.full(len(track_ids), seed, np.int32)}
-    for name in ("xy", "log_fitness", "steps_alive"):
-        values = getattr(forecast, name)
-        columns[name] = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), int(np.prod(values.shape[1:])))
-    return pa.table(columns)
+def _tables(forecasts, t0):
+    """Every block of forecasts as a table."""
+    done: dict[int, int] = {}
+    for seed, track_ids, forecast in forecasts:
+        begin, n = done.get(seed, 0), len(track_ids)
+        done[seed] = begin + n
+        columns = {"track_id": track_ids, **({} if t0 is None else {"t0": t0[begin : begin + n]})}
+        columns["seed"] = np.full(n, seed, np.int32)
+        for name in ("xy", "log_fitness", "steps_alive"):
+            values = getattr(forecast, name)
+            columns[name] = pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), int(np.prod(values.shape[1:])))
+        yield pa.table(columns)
+
+
+def read_owners(path: str | Path) -> dict[int, str]:
+    """The owner's ids that a forecasts file gives beside the track ids; empty where these are the owner's."""
+    if "owner_id" not in pq.read_schema(path).names:
+        return {}
+    table = read_parquet(path, ["track_id", "owner_id"])
+    return dict(zip(column(table, "track_id").tolist(), table["owner_id"].to_pylist(), strict=True))
+
+
+def read_t0(path: str | Path) -> np.ndarray | None:
+    """The t0 [n] in unix s of the forecasts of one seed of a file; None where every track is forecast once."""
+    if "t0" not in pq.read_schema(path).names:
+        return None
+    table = read_parquet(path, ["seed", "t0"])
+    seed = column(table, "seed")
+    return column(table, "t0")[seed == seed[:1]]
 
 
 def read_forecasts(path: str | Path) -> Iterator[tuple[int, np.ndarray, Forecast]]:

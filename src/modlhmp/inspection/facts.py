@@ -8,7 +8,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from modlhmp.cleaning import clean_rows
+from modlhmp.cleaning import clean_rows, source_of
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.motion import moves
 from modlhmp.plausibility import Finding, check_recording
@@ -79,13 +79,14 @@ class Facts:
 def look_at(path: str | Path, form: FileFormat, recording: Recording, clock: bool) -> Facts:
     """Read, check and clean a recording, whatever its checks say; `DataError` where it cannot be read at all."""
     form = only_of(form, recording)
-    raw, account = read_recording(path, form, recording.day, recording.start, recording.days)
+    source = source_of(path, form, recording)
+    raw, account = read_recording(source, form, recording.day, recording.start, recording.days)
     findings = check_recording(raw, account, form, clock)
-    stored = Path(recording.stored or path)
-    megabytes = stored.stat().st_size / 1e6 if stored.exists() else 0.0
+    stored = [Path(file) for file in recording.people or (recording.stored or path,)]
+    megabytes = sum(file.stat().st_size for file in stored if file.is_file()) / 1e6
     try:
         account.tracks_read += 0 if account.tracks_read else len(raw.bounds()) - 1
-        clean, plain = clean_rows(path, raw, account, form, recording)
+        clean, plain = clean_rows(source, raw, account, form, recording)
     except DataError as error:
         return Facts(recording, form, raw, empty_tracks(), {}, findings, megabytes, str(error))
     return Facts(recording, form, raw, clean, plain, findings, megabytes)

@@ -10,6 +10,7 @@ from modlhmp.clock import local_time, midnight
 from modlhmp.file_format import FileFormat
 from modlhmp.readers import atc, edinburgh, jupedsim, magni, trajnet
 from modlhmp.readers.delimited import read_delimited
+from modlhmp.readers.raw import FILE_COLUMN, People
 from modlhmp.settings import as_plain
 from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks
@@ -18,7 +19,7 @@ _WHOLE = {"magni": magni.read, "jupedsim": jupedsim.read_sqlite, "hdf5": jupedsi
 
 
 def read_recording(
-    path: str | Path, form: FileFormat, day: str = "", start: str | None = None, days: int = 1
+    path: str | Path | People, form: FileFormat, day: str = "", start: str | None = None, days: int = 1
 ) -> tuple[Tracks, Account]:
     """Read `path` with the format's reader; returns (Tracks in the file's own sampling, Account).
 
@@ -27,6 +28,8 @@ def read_recording(
     """
     limits, origin = _day_and_origin(form.timezone, day, start, days)
     frame_rate, row_stride, scale = (cast(Any, value) for value in (form.frame_rate, form.row_stride, form.scale))
+    if isinstance(path, People):
+        return _read_table(path, form, limits, origin)
     if form.reader == "edinburgh":
         return edinburgh.read_raw(path, frame_rate, scale, origin)
     if form.reader == "edinburgh_rows":
@@ -35,9 +38,14 @@ def read_recording(
         return trajnet.read(path, frame_rate, origin, limits)
     if form.reader in _WHOLE:
         return _WHOLE[form.reader](path, origin, limits)
+    return _read_table(path, form, limits, origin)
+
+
+def _read_table(path, form, limits, origin):
+    """Rows of a table in text, by the form's columns or a format's own."""
     layout = {"atc": atc.RAW_LAYOUT, "atc_1hz": atc.ONE_HZ_LAYOUT}.get(form.reader)
+    columns = form.columns.given() if form.columns else {}
     if layout is None:
-        columns = form.columns.given() if form.columns else {}
         plain = as_plain(form)
         keys = (
             *("header", "decimal", "thousands", "skip_lines", "units", "missing", "only", "without", "scale"),
@@ -46,6 +54,9 @@ def read_recording(
         layout = {**{key: plain[key] for key in keys}, "columns": columns, "ids": "text"}
         layout["separator"] = None if form.reader == "text" else form.separator
         layout["comment"] = form.comment or ("#" if form.reader == "text" else None)
+    if isinstance(path, People):
+        moved = {field: column if isinstance(column, str) else column + 1 for field, column in columns.items()}
+        layout |= {"columns": {"track_id": FILE_COLUMN if form.header else 0, **moved}, "skip_lines": 0}
     return read_delimited(path, {**layout, "origin": origin}, limits, form.time_step_s)
 
 

@@ -21,7 +21,7 @@ from modlhmp.account import Account
 from modlhmp.kernels import kernel
 from modlhmp.readers.hints import hint
 from modlhmp.readers.numerals import number
-from modlhmp.readers.raw import line_blocks
+from modlhmp.readers.raw import People, line_blocks
 from modlhmp.storage import DataError
 
 THREADS = 2
@@ -59,7 +59,7 @@ Converters = Mapping[str, Callable[[str], float | int | bool | None]]
 
 
 def read_columns(
-    path: str | Path, layout: Mapping[str, Any], account: Account, converters: Converters
+    path: str | Path | People, layout: Mapping[str, Any], account: Account, converters: Converters
 ) -> Iterator[dict[str, np.ndarray]]:
     """Yield the columns of one block after the other as a dict of arrays; `layout` as in `delimited`.
 

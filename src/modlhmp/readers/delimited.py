@@ -18,7 +18,7 @@ from modlhmp.file_format import LENGTH_M
 from modlhmp.ids import NOBODY
 from modlhmp.readers.columns import NO_ID, read_columns
 from modlhmp.readers.hints import hint, hint_of_units
-from modlhmp.readers.raw import line_blocks
+from modlhmp.readers.raw import People, line_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import last_of_step, without_repeats
 from modlhmp.tracks import Tracks, concatenate
@@ -33,7 +33,7 @@ FIELDS = ("track_id", "t", "x", "y", "speed", "heading")
 
 
 def read_delimited(
-    path: str | Path, layout: Mapping[str, Any], day: tuple[float, float] | None = None, step_s: float = 1.0
+    path: str | Path | People, layout: Mapping[str, Any], day: tuple[float, float] | None = None, step_s: float = 1.0
 ) -> tuple[Tracks, Account]:
     """Read a file into rows sorted by track and time.
 

@@ -1,13 +1,14 @@
 """Open raw recordings wherever they lie: plain, .gz, .bz2, or a member of a .zip; and read them in blocks of lines."""
 
 import bz2
+import codecs
 import contextlib
 import gzip
 import zipfile
 import zlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, NamedTuple, cast
 
 from tqdm.utils import CallbackIOWrapper
 
@@ -16,6 +17,7 @@ from modlhmp.storage import DataError
 
 COMPRESSED = (".gz", ".bz2", ".zip")
 BLOCK_BYTES = 1 << 22
+FILE_COLUMN = "file"  # what the column of people's files is called
 
 
 def archive_and_member(path: str | Path) -> tuple[Path, str | None]:
@@ -65,8 +67,39 @@ def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
         raise DataError(f"{file}: cannot be read ({error})") from None
 
 
-def line_blocks(path: str | Path, size: int = BLOCK_BYTES) -> Iterator[bytes]:
+class People(NamedTuple):
+    """Files of one person each, read like one file whose first column is the person's name."""
+
+    files: tuple[str, ...]
+    separator: str
+    header: bool
+    skip_lines: int
+
+    def __str__(self) -> str:
+        return f"{Path(self.files[0]).parent} ({len(self.files)} files)"
+
+    def lines(self) -> Iterator[bytes]:
+        """Each file's lines in one piece; the names of the columns once."""
+        mark = self.separator.encode()
+        for number, file in enumerate(self.files):
+            name = Path(file).name.partition(".")[0]
+            if self.separator in name or '"' in name:
+                raise DataError(f"{file}: its name is an id, so it may hold neither {self.separator!r} nor quotes")
+            with open_raw(file) as opened:
+                text = opened.read().removeprefix(codecs.BOM_UTF8)
+            lines = (text if b"\n" in text else text.replace(b"\r", b"\n")).splitlines()[self.skip_lines :]
+            if self.header:
+                header, *lines = lines or [b""]
+                if number == 0:
+                    yield FILE_COLUMN.encode() + mark + header + b"\n"
+            yield b"".join(name.encode() + mark + line + b"\n" for line in lines if line.strip())
+
+
+def line_blocks(path: str | Path | People, size: int = BLOCK_BYTES) -> Iterator[bytes]:
     """Yield the file as byte blocks of whole lines, about `size` bytes each; `DataError` if it is empty."""
+    if isinstance(path, People):
+        yield from _gathered(path.lines(), size)
+        return
     rest, seen, old = b"", False, False
     with open_raw(path) as file:
         while chunk := file.read(size):
@@ -84,6 +117,18 @@ def line_blocks(path: str | Path, size: int = BLOCK_BYTES) -> Iterator[bytes]:
         raise DataError(f"{path}: the file is empty")
     if rest:
         yield rest + b"\n"
+
+
+def _gathered(pieces, size):
+    """Pieces of whole lines put together to blocks of about `size` bytes."""
+    waiting, length = [], 0
+    for piece in pieces:
+        waiting.append(piece)
+        length += len(piece)
+        if length >= size:
+            yield b"".join(waiting)
+            waiting, length = [], 0
+    yield b"".join(waiting)
 
 
 def _only_member(path, archive):

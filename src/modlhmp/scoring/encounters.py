@@ -9,11 +9,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.windows import in_order, windows
 from modlhmp.kernels import kernel
-from modlhmp.scoring.errors import ground_truth
+from modlhmp.scoring.errors import truth_of
 from modlhmp.scoring.protocols import score
 from modlhmp.site import Site
-from modlhmp.tracks import MAX_GAP_S, Tracks, usable_tracks
+from modlhmp.tracks import MAX_GAP_S, Tracks
 
 TOUCH_M = 0.2
 
@@ -30,17 +31,15 @@ def encounters(
     ids of their own (`tracks.together`). Returns ([seeds, n, T] shares of the method's result, [n, T] whether the
     person's own path has, steps of truth [n]); NaN beyond the truth.
     """
-    rows = usable_tracks(tracks, site.observed_rows)
-    truth, length = ground_truth(tracks, rows, site.observed_rows, site.steps, site.time_step_s)
-    own = tracks.track_id[rows[:, 0]] - tracks.track_id.min() if len(rows) else rows[:, 0]
-    t0 = tracks.t[rows[:, 0] + site.observed_rows - 1]
+    wanted = windows(tracks, site)
+    truth, length = truth_of(tracks, wanted, site)
+    t0, own = wanted.t0, wanted.track_id - (tracks.track_id.min() if len(tracks.t) else 0)
     order = np.argsort(everyone.t, kind="stable")
     others = (everyone.t[order], order, *everyone[:4], site.time_step_s)
     known = np.arange(1, site.steps + 1) <= length[:, None]
     own_meets = np.where(known, touches(truth[:, None], t0, own, *others)[:, 0], np.nan)
     by_seed: dict[int, list[np.ndarray]] = {}
-    for seed, ids, forecast in forecasts:
-        mine = np.searchsorted(tracks.track_id[rows[:, 0]], ids)
+    for seed, mine, forecast in in_order(forecasts, wanted):
         result = forecast.results
         met = touches(result.xy.astype(np.float64), t0[mine], own[mine], *others)
         found = score(result, truth[mine], {"paper": length[mine], "complete": length[mine]}, met)

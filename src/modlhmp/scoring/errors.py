@@ -5,9 +5,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from modlhmp.floor_plan import FloorPlan, value_at
+from modlhmp.forecasting.windows import LATE_STEPS, Windows, usable
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks, positions_at, usable_tracks
+from modlhmp.tracks import Tracks, positions_at
 
+IDLE_S = 5.0
 MIN_DEPTH_M = 0.3  # a path this deep inside occupied area is infeasible
 
 
@@ -16,13 +18,23 @@ def ground_truth(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions at t0 + 1, 2, ... steps, linearly interpolated: (xy [n, T, 2], seconds of truth [n] as steps).
 
-    `rows` [n, 2] are the first and last row of each track. Positions beyond a track's end are NaN; the number of
-    steps is floor((t_last - t0) / step + 0.05), so clock jitter does not cost the last one.
+    `rows` [n, 2] are the first observed and the last row of each track. Positions beyond a track's end are NaN; the
+    number of steps is floor((t_last - t0) / step + 0.05), so clock jitter does not cost the last one.
     """
-    t0 = tracks.t[rows[:, 0] + observed_rows - 1]
-    length = np.floor((tracks.t[rows[:, 1]] - t0) / step_s + 0.05).astype(np.int64)
+    return _after(tracks, rows, np.arange(len(rows)), rows[:, 0] + observed_rows - 1, steps, step_s)
+
+
+def truth_of(tracks: Tracks, wanted: Windows, site: Site) -> tuple[np.ndarray, np.ndarray]:
+    """The `ground_truth` of a recording's forecasts."""
+    return _after(tracks, wanted.tracks, wanted.of, wanted.row, site.steps, site.time_step_s)
+
+
+def _after(tracks, rows, of, at_t0, steps, step_s):
+    """Truth after the rows `at_t0` [n] of the tracks `of` [n], whose first and last rows are `rows` [m, 2]."""
+    t0, first, last = tracks.t[at_t0], rows[of, 0], rows[of, 1]
+    length = np.floor((tracks.t[last] - t0) / step_s + LATE_STEPS).astype(np.int64)
     wanted = np.arange(1, steps + 1)
-    xy = positions_at(tracks, rows, (t0 - tracks.t[rows[:, 0]])[:, None] + wanted * step_s)
+    xy = positions_at(tracks, rows, (t0 - tracks.t[first])[:, None] + wanted * step_s, of)
     xy[wanted > length[:, None]] = np.nan
     return xy, length
 
@@ -55,11 +67,19 @@ def left_out(tracks: Tracks, rows: np.ndarray, site: Site) -> np.ndarray:
     return is_idle(tracks, rows, idle_filter.rows, idle_filter.min_displacement_m)
 
 
+def stands_about(tracks: Tracks, rows: np.ndarray, site: Site) -> np.ndarray:
+    """Whether people are once less than 1 m from where they were 5 s before, [n]; `rows` as of `is_idle`.
+
+    The ATC idle filter, asked of any recording, also where the paper protocol keeps such tracks.
+    """
+    return is_idle(tracks, rows, max(round(IDLE_S / site.time_step_s), 1))
+
+
 def lengths_counted(recordings: Iterable[Tracks], site: Site, protocol: str) -> np.ndarray:
     """Seconds from t0 to the end of every usable track of several track tables that a protocol counts, [n]."""
     parts = [np.empty(0)]
     for tracks in recordings:
-        rows = usable_tracks(tracks, site.observed_rows)
+        rows = usable(tracks, site)
         if protocol == "paper":
             rows = rows[~left_out(tracks, rows, site)]
         parts.append(tracks.t[rows[:, 1]] - tracks.t[rows[:, 0] + site.observed_rows - 1])

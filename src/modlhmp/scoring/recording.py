@@ -7,10 +7,11 @@ import pyarrow as pa
 
 from modlhmp.floor_plan import FloorPlan, occupied_depth
 from modlhmp.forecasting.base import Forecast
-from modlhmp.scoring.errors import enters_occupied, ground_truth, left_out
+from modlhmp.forecasting.windows import in_order, windows
+from modlhmp.scoring.errors import enters_occupied, left_out, truth_of
 from modlhmp.scoring.protocols import score
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks, clock_hours, usable_tracks
+from modlhmp.tracks import Tracks, clock_hours
 
 
 def score_recording(
@@ -22,50 +23,41 @@ def score_recording(
 ) -> pa.Table:
     """Score one method's forecasts of one recording; returns a table, one row per track, seed, output and protocol.
 
-    `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other. `ade` and `fde` [m] are lists
-    over horizons, NaN where not scored; `eligible_steps` says to which step the track counts, `scored_steps` to how
-    many it was scored, and `why_not` the reason where the two differ; `alive_steps` is how long the longest-lived
-    future stayed on the map, 0 where the method could not forecast the track at all. With a `FloorPlan` there are also
-    `infeasible`, lists of whether the forecast has been inside a wall (`errors.enters_occupied`), and
-    `truth_infeasible_from`, the first step at which the person's own path has (0: never). Empty if the recording has no
-    usable track.
+    `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other; with the site's
+    `forecast_every_s` each forecast of a track is a row of its own, with its `t0` (unix s), and all of an idle track's
+    are idle. `ade` and `fde` [m] are lists over horizons, NaN where not scored; `eligible_steps` says to which step the
+    track counts, `scored_steps` to how many it was scored, and `why_not` the reason where the two differ; `alive_steps`
+    is how long the longest-lived future stayed on the map, 0 where the method could not forecast the track at all. With
+    a `FloorPlan` there are also `infeasible`, lists of whether the forecast has been inside a wall
+    (`errors.enters_occupied`), and `truth_infeasible_from`, the first step at which the person's own path has (0:
+    never). Empty if the recording has no usable track.
     """
-    rows = usable_tracks(tracks, site.observed_rows)
-    ids = tracks.track_id[rows[:, 0]]
-    steps = site.steps
-    truth, length = ground_truth(tracks, rows, site.observed_rows, steps, site.time_step_s)
-    idle = left_out(tracks, rows, site)
+    steps, wanted = site.steps, windows(tracks, site)
+    truth, length = truth_of(tracks, wanted, site)
+    idle = left_out(tracks, wanted.tracks, site)[wanted.of]
     eligible = {"paper": np.where(idle, 0, length), "complete": length}
-    t0 = rows[:, 0] + site.observed_rows - 1
-    hours = clock_hours(tracks.t[t0], site.timezone)
-    by_track = {"track_id": ids, "hour": hours.astype(np.int8)}
+    by_track = {"track_id": wanted.track_id, **({} if site.forecast_every_s is None else {"t0": wanted.t0})}
+    by_track["hour"] = clock_hours(wanted.t0, site.timezone).astype(np.int8)
     if floor_plan is not None:
-        depth, start = occupied_depth(floor_plan), np.column_stack([tracks.x[t0], tracks.y[t0]])
+        depth, start = occupied_depth(floor_plan), np.column_stack([tracks.x[wanted.row], tracks.y[wanted.row]])
         entered = enters_occupied(floor_plan, depth, start, truth)
         first = np.where(entered.any(axis=1), entered.argmax(axis=1) + 1, 0)
         by_track["truth_infeasible_from"] = first.astype(np.int32)
     tables: list[pa.Table] = []
-    of_seed: dict[int, int] = {}
-    for seed, track_ids, whole in forecasts:
-        rows = of_seed.get(seed, 0) + np.arange(len(track_ids))
-        of_seed[seed] = of_seed.get(seed, 0) + len(track_ids)
-        if not np.array_equal(track_ids, ids[rows[rows < len(ids)]]):
-            raise ValueError(f"{recording}: the forecasts are of other tracks than the recording's; remake them")
+    for seed, rows, whole in in_order(forecasts, wanted, recording):
         forecast = whole.results
         infeasible = None if floor_plan is None else enters_occupied(floor_plan, depth, start[rows], forecast.xy)
         mine = {protocol: number[rows] for protocol, number in eligible.items()}
         alive = forecast.steps_alive.max(axis=1).astype(np.int32)
         for (output, protocol), values in score(forecast, truth[rows], mine, infeasible).items():
             scored = np.isfinite(values["ade"]).sum(axis=1)
-            wanted = np.minimum(mine[protocol], steps)
-            reason = np.where(scored < wanted, "no dynamics", "")
+            counted = np.minimum(mine[protocol], steps)
+            reason = np.where(scored < counted, "no dynamics", "")
             if protocol == "paper":
                 reason = np.where(idle[rows], "idle", reason)
             one = {"recording": recording, "output": output, "protocol": protocol}
             whose = {name: values[rows] for name, values in by_track.items()} | {"alive_steps": alive}
-            tables.append(_table(one, seed, whose, wanted, scored, reason, values))
-    if any(number != len(ids) for number in of_seed.values()):
-        raise ValueError(f"{recording}: the forecasts are of fewer tracks than the recording's; remake them")
+            tables.append(_table(one, seed, whose, counted, scored, reason, values))
     if not tables:
         nothing, no_errors = np.empty(0, int), np.empty((0, steps))
         one = {"recording": recording, "output": "", "protocol": ""}
@@ -75,7 +67,7 @@ def score_recording(
     return pa.concat_tables(tables).unify_dictionaries()
 
 
-def _table(one, seed, by_track, wanted, scored, reason, values):
+def _table(one, seed, by_track, counted, scored, reason, values):
     """Rows of the errors table for one recording, output, protocol and seed."""
     n = len(by_track["track_id"])
     constants = {name: pa.array(np.full(n, value)).dictionary_encode() for name, value in one.items()}
@@ -84,7 +76,7 @@ def _table(one, seed, by_track, wanted, scored, reason, values):
             **constants,
             **by_track,
             "seed": np.full(n, seed, np.int32),
-            "eligible_steps": wanted.astype(np.int32),
+            "eligible_steps": counted.astype(np.int32),
             "scored_steps": scored.astype(np.int32),
             "why_not": pa.array(reason).dictionary_encode(),
             **{name: _lists(one) for name, one in values.items()},

@@ -13,10 +13,11 @@ from scipy.special import logsumexp
 
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.ranking import longest_lived, most_likely
+from modlhmp.forecasting.windows import in_order, windows
 from modlhmp.kernels import kernel
-from modlhmp.scoring.errors import displacement_errors, ground_truth, nan_mean
+from modlhmp.scoring.errors import displacement_errors, nan_mean, truth_of
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks, usable_tracks
+from modlhmp.tracks import Tracks
 
 SAMPLES = 40  # of a distribution, so that every method is judged by as many
 BEST_OF = 5
@@ -47,15 +48,15 @@ def score_samples(
     output from its samples and from the truth [m]; `samples` how many the distribution has. `left` is the probability
     that the person has left by then, `has_left` (0 or 1) whether they had; these two are known for every track.
     """
-    rows = usable_tracks(tracks, site.observed_rows)
-    step_s = site.time_step_s
-    steps = np.rint(np.asarray(horizons_s) / step_s).astype(int)
-    truth, length = ground_truth(tracks, rows, site.observed_rows, site.steps, step_s)
-    ids, tables = tracks.track_id[rows[:, 0]], []
-    for seed, track_ids, forecast in forecasts:
-        mine, n = np.searchsorted(ids, track_ids), len(track_ids)
+    wanted, tables = windows(tracks, site), []
+    steps = np.rint(np.asarray(horizons_s) / site.time_step_s).astype(int)
+    truth, length = truth_of(tracks, wanted, site)
+    for seed, mine, forecast in in_order(forecasts, wanted, recording):
+        n = len(mine)
         values = measures(forecast, truth[mine], length[mine], k, steps)
-        of = {"recording": pa.array(np.full(n, recording)).dictionary_encode(), "track_id": track_ids}
+        of = {"recording": pa.array(np.full(n, recording)).dictionary_encode(), "track_id": wanted.track_id[mine]}
+        if site.forecast_every_s is not None:
+            of["t0"] = wanted.t0[mine]
         lists = {
             name: pa.FixedSizeListArray.from_arrays(pa.array(one.ravel()), len(steps)) for name, one in values.items()
         }

@@ -13,7 +13,7 @@ from modlhmp.kinds import find
 from modlhmp.scoring.errors import seed_mean
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.ttests import groups_test, paired_test
-from modlhmp.study.comparisons import main_errors, side_by_side
+from modlhmp.study.comparisons import main_errors, persons, side_by_side
 from modlhmp.study.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
 
 NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"
@@ -35,6 +35,9 @@ def _tc_cliff(one, titles, _kinds):
 
 def _stef(one, titles, _kinds):
     longer = [h for h in one.horizons if h > 30]
+    if not longer:
+        yield _row("", "needs a horizon over 30 s", "", verdict="not tested")
+        return
     for method in ("tc_cliff", "cliff"):
         yield from _better(one, titles, method, "stef", longer)
 
@@ -62,7 +65,8 @@ def _half(one, titles, kinds):
 
 def _short(one, titles, kinds):
     for learned in _learned(one, kinds):
-        horizon = SHORT_S.get(one.dataset.label, one.horizons[0])
+        short = SHORT_S.get(one.dataset.label)
+        horizon = short if short in one.horizons else one.horizons[0]
         yield from _better(one, titles, learned, "tc_cliff", [horizon], ("ade",))
     yield from _if_none(one, kinds)
 
@@ -74,7 +78,7 @@ def _idling(one, titles, kinds):
         if "tc_cliff" in one.errors:
             for protocol in PROTOCOLS:
                 both, column = _pair(one, learned, "tc_cliff", protocol, "fde"), one.horizons.index(longest)
-                gain, idle = (both.ours - both.theirs)[:, :, column], np.isin(both.keys, list(one.idle))
+                gain, idle = (both.ours - both.theirs)[:, :, column], np.isin(persons(both.keys), list(one.idle))
                 text = f"FDE {titles[learned]} - {titles['tc_cliff']}, {longest:g} s: those who idle < the others"
                 yield _groups(protocol, text, gain, idle, both.cluster)
     yield from _if_none(one, kinds)
@@ -86,7 +90,7 @@ def _ranking(one, titles, kinds):
         yield _row("", "needs TC-CLiFF among the compared methods", "", verdict="not tested")
         return
     longest = one.dataset.horizon_s
-    half = max(h for h in one.horizons if h <= longest / 2)
+    half = max((h for h in one.horizons if h <= longest / 2), default=longest)  # of a single step there is none
     last, middle = one.horizons.index(longest), one.horizons.index(half)
     for protocol in PROTOCOLS:
         ranked, mean = (one.errors[method][output, protocol] for output in ("ranked", "mean"))

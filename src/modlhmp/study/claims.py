@@ -11,16 +11,16 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.scoring.errors import is_idle
+from modlhmp.forecasting.windows import usable
+from modlhmp.scoring.errors import stands_about
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.ttests import holm
-from modlhmp.site import IdleFilter
+from modlhmp.site import Site
 from modlhmp.study.claim_tests import TESTS, of_the_paper
 from modlhmp.study.published import SHORT_S
 from modlhmp.study.summary import ErrorsByOutput
-from modlhmp.tracks import Tracks, usable_tracks
+from modlhmp.tracks import Tracks
 
-IDLE = IdleFilter()  # people who stand about, on any dataset, also where the paper protocol keeps them
 ALL = ("atc", "edin")
 ALPHA = 0.05
 
@@ -66,7 +66,7 @@ class Evidence(NamedTuple):
 
     `tests` is the dataset's table of `comparisons.compare`; `errors` maps a method to `summary.at_horizons` of its
     errors at `horizons` [s]; `studies` maps a parameter to {value: the same}; `lengths` [n] are the seconds after t0 of
-    the test tracks that the paper protocol counts; `idle` holds the keys of those who stand about (`IDLE`); `days` as
+    the test tracks that the paper protocol counts; `idle` holds the `idle_keys` of those who stand about; `days` as
     of `comparisons.clusters`; `runtime` is what the runtime study measured, None if it has not run.
     """
 
@@ -83,10 +83,10 @@ class Evidence(NamedTuple):
 
 def claim_horizons(dataset: Dataset, table_horizons: Sequence[float]) -> list[float]:
     """Horizons [s] that the claims look at: the tables', a half and the whole of the longest, the short one."""
-    longest, step = dataset.horizon_s, dataset.time_step_s
-    half = max(round(longest / 2 / step), 1) * step
-    short = SHORT_S.get(dataset.label, half)
-    return sorted({*scored_horizons(table_horizons, dataset), half, longest, *([short] if short <= longest else [])})
+    longest = dataset.horizon_s
+    half = round(max(dataset.steps // 2, 1) * dataset.time_step_s, 9)  # the same number as in the tables
+    short = scored_horizons([SHORT_S[dataset.label]], dataset) if dataset.label in SHORT_S else []
+    return sorted({*table_horizons, half, longest, *short})
 
 
 def claimed_pairs(kinds: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -97,10 +97,10 @@ def claimed_pairs(kinds: Mapping[str, str]) -> list[tuple[str, str]]:
     return [*pairs, *(("tc_cliff", other) for other in others if "tc_cliff" in maps)]
 
 
-def idle_keys(name: str, tracks: Tracks, observed_rows: int) -> set[str]:
-    """Keys "recording/track" of a recording's usable tracks who stand about, by `IDLE`."""
-    rows = usable_tracks(tracks, observed_rows)
-    idle = is_idle(tracks, rows, IDLE.rows, IDLE.min_displacement_m)
+def idle_keys(name: str, tracks: Tracks, site: Site) -> set[str]:
+    """Keys "recording/track" of a recording's usable tracks who stand about (`errors.stands_about`)."""
+    rows = usable(tracks, site)
+    idle = stands_about(tracks, rows, site)
     return {f"{name}/{track}" for track in tracks.track_id[rows[idle, 0]]}
 
 

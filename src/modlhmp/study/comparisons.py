@@ -44,8 +44,14 @@ def clusters(keys: Sequence[str] | np.ndarray, days: Mapping[str, str]) -> np.nd
     `days` maps a recording to its day: people of one day share it, so days are what another sample would differ by.
     """
     if len(set(days.values())) < LEAST_DAYS:
-        return np.asarray(keys)
+        return persons(keys)
     return np.array([days[key.rsplit("/", 1)[0]] for key in keys])
+
+
+def persons(keys: Sequence[str] | np.ndarray) -> np.ndarray:
+    """Whose forecasts those of these keys (`summary.Errors`) are: "recording/track" [tracks]."""
+    parts = [key.rpartition("/") for key in np.asarray(keys).tolist()]
+    return np.array([f"{recording}/{track.partition('@')[0]}" for recording, _, track in parts], dtype=str)
 
 
 def side_by_side(one: Errors, other: Errors, metric: str, days: Mapping[str, str]) -> Pair:

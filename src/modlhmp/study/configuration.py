@@ -8,9 +8,13 @@ from typing import Any
 
 from modlhmp import kinds, options
 from modlhmp.datasets import Dataset, folds, load_dataset, validation_part
+from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import check, unknown
 from modlhmp.storage import DataError
 from modlhmp.study.settings import RunSettings
+
+MOST_NAME_BYTES = 200  # of a recording: file systems allow 255, and results have suffixes
+_UNFIT = re.compile(r"[{}<>\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # wildcards, ends of lines, undecodable bytes
 
 
 def load_run(config: Mapping[str, Any], datasets_folder: str | Path) -> RunSettings:
@@ -139,6 +143,8 @@ def load_datasets(
                 f"{Path(folder) / dataset.name}.yaml: its `clock` is unknown, so there are no maps by hours: leave "
                 f"{', '.join(hourly)} out of `compare` and the ladder"
             )
+        _check_paths(dataset, Path(folder) / f"{dataset.name}.yaml")
+        _check_horizons(run, dataset)
     if run.strict:
         found = {name: dataclasses.replace(dataset, strict=True) for name, dataset in found.items()}
     if run.evaluate_on == "validation":
@@ -146,6 +152,17 @@ def load_datasets(
     if run.evaluate_on == "folds":
         return {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
     return found
+
+
+def _check_horizons(run: RunSettings, dataset: Dataset) -> None:
+    """Whether a dataset has any of the horizons that were chosen."""
+    for key, chosen in (("tables", run.tables.horizons_s), ("ladder", run.ladder.horizons_s)):
+        if not scored_horizons(chosen, dataset):
+            raise DataError(
+                f"configuration, {key}.horizons_s: dataset {dataset.name} has none of {list(chosen or ())} s; name "
+                f"multiples of its time step, {dataset.time_step_s:g} s, up to {dataset.horizon_s:g} s, or leave the "
+                "key out"
+            )
 
 
 def _check_tuned(run: RunSettings, dataset: Dataset, file: Path) -> None:
@@ -163,3 +180,19 @@ def _check_tuned(run: RunSettings, dataset: Dataset, file: Path) -> None:
             run.method(name, dataset.tuned)
         except DataError as error:
             raise DataError(f"{source}: {error}") from None
+
+
+def _check_paths(dataset: Dataset, file: Path) -> None:
+    """Whether Snakemake can take the paths of recordings, and ours their names."""
+    for path in (*(one.stored for one in dataset.recordings), *dataset.floor_plan):
+        if unfit := _UNFIT.search(path):
+            raise DataError(
+                f"{file}: {path!r}: Snakemake cannot take the character {unfit[0]!r} in a path; rename the file or "
+                "folder, or link to it under another name"
+            )
+    for one in dataset.recordings:
+        if len(one.name.encode()) > MOST_NAME_BYTES:
+            raise DataError(
+                f"{file}: recording {one.name!r}: the names of its results would be too long; rename {one.path!r} to "
+                f"at most {MOST_NAME_BYTES} bytes"
+            )

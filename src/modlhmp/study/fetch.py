@@ -34,15 +34,14 @@ def fetch(
 
     A file already at `path` is checked, never replaced. An interrupted download stays in `<path>.part`, where
     the next call continues it. Raises `DataError` if the address is refused (4xx) or unusable, the server
-    fails all `retries` retries, another process is downloading the file, or the sum differs (the download is
-    then discarded); `OSError` if the folder cannot be written.
+    fails all `retries` retries, another process is downloading the file, its folder cannot be written to, or the
+    sum differs (the download is then discarded); `OSError` if the disk is full.
     """
     path = Path(path)
     if path.exists():
         return check_sum(path, name, sha256, sums)
-    path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(path.name + ".part")
-    with open(part, "ab") as file:
+    with _opened(part) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
@@ -62,6 +61,16 @@ def fetch(
             raise
         part.replace(path)
     return found
+
+
+def _opened(part):
+    """The partial file, open to be continued; its folder is made."""
+    try:
+        part.parent.mkdir(parents=True, exist_ok=True)
+        return open(part, "ab")
+    except OSError as error:
+        remedy = "let it be written to, put the file there by hand, or name another folder as data_root"
+        raise DataError(f"{part}: the folder cannot be written to ({error.strerror}); {remedy}") from None
 
 
 def check_sum(

@@ -8,6 +8,7 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.file_format import FileFormat
 from modlhmp.methods import Method
+from modlhmp.scoring.horizons import LADDER_S, scored_horizons
 from modlhmp.settings import as_plain
 from modlhmp.study.claims import claimed_pairs
 from modlhmp.study.layout import Layout
@@ -15,9 +16,10 @@ from modlhmp.study.settings import RunSettings
 
 # The settings of a dataset that decide a stage's result; the others only affect names and drawings.
 CLEANING_KEYS = tuple(field.name for field in dataclasses.fields(FileFormat))
-FORECAST_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity", "difference_weights")
+TRAINING_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "velocity", "difference_weights")
+FORECAST_KEYS = (*TRAINING_KEYS, "forecast_every_s")
 SCORE_KEYS = (*FORECAST_KEYS, "paper_protocol")
-SITE_KEYS = (*SCORE_KEYS, "hours")  # of the `Site` that a map carries
+SITE_KEYS = (*TRAINING_KEYS, "paper_protocol", "hours")  # of the `Site` that a map carries
 NOT_SHOWN = ("recordings", "sources")  # lists of files, which exhibits do not depend on
 
 
@@ -33,6 +35,16 @@ class Plan:
         """A dataset's settings for these keys, or all but the lists of files, as mappings and scalars."""
         plain = as_plain(self.datasets[dataset])
         return {key: plain[key] for key in (keys or sorted(plain.keys() - set(NOT_SHOWN)))}
+
+    @property
+    def horizons(self) -> dict[str, list[float]]:
+        """Horizons [s] of every dataset's tables, tests and figures."""
+        return {name: scored_horizons(self.run.tables.horizons_s, one) for name, one in self.datasets.items()}
+
+    @property
+    def ladder_horizons(self) -> dict[str, list[float]]:
+        """Horizons [s] of every dataset's ladder."""
+        return {name: scored_horizons(self.run.ladder.horizons_s, one, LADDER_S) for name, one in self.datasets.items()}
 
     def method(self, dataset: str, name: str) -> Method:
         """A method, with what has been tuned for a dataset."""

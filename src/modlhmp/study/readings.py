@@ -11,13 +11,13 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.forecasting.base import Forecast
-from modlhmp.scoring.errors import ground_truth, is_idle, nan_mean, seed_mean
+from modlhmp.forecasting.windows import in_order, windows
+from modlhmp.scoring.errors import nan_mean, seed_mean, stands_about, truth_of
 from modlhmp.scoring.protocols import score
-from modlhmp.site import IdleFilter, Site
+from modlhmp.site import Site
 from modlhmp.study.summary import main_output
-from modlhmp.tracks import Tracks, usable_tracks
+from modlhmp.tracks import Tracks
 
-IDLE = IdleFilter()  # of the ATC recordings; asked of all, also where the paper protocol has none
 COLUMNS = ("idle", "left", "tracks", "ade_m", "fde_m", "n", "eligible")
 OWN, UNION, COMMON = "each seed's own", "that any seed scored", "that all seeds scored"
 
@@ -49,11 +49,10 @@ def readings(
 
 def _errors(tracks, forecasts, site):
     """ADE and FDE [seeds, tracks] of a recording at the longest horizon, held and dropped; who idles, who counts."""
-    rows = usable_tracks(tracks, site.observed_rows)
-    truth, length = ground_truth(tracks, rows, site.observed_rows, site.steps, site.time_step_s)
+    wanted = windows(tracks, site)
+    truth, length = truth_of(tracks, wanted, site)
     by_seed: dict[int, list[dict]] = {}
-    for seed, ids, forecast in forecasts:
-        mine = np.searchsorted(tracks.track_id[rows[:, 0]], ids)
+    for seed, mine, forecast in in_order(forecasts, wanted):
         found = score(forecast, truth[mine], {"paper": length[mine], "complete": length[mine]})
         output = main_output({name for name, _ in found})
         block = {
@@ -63,7 +62,7 @@ def _errors(tracks, forecasts, site):
         }
         by_seed.setdefault(seed, []).append(block)
     return {
-        "idle": is_idle(tracks, rows, IDLE.rows, IDLE.min_displacement_m),
+        "idle": stands_about(tracks, wanted.tracks, site)[wanted.of],
         "eligible": length >= site.steps,
         **{
             (left, metric): np.stack([np.concatenate([b[left, metric] for b in some]) for some in by_seed.values()])

@@ -17,15 +17,19 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def read_uncertainty(path: str | Path) -> tuple[list[float], dict[str, np.ndarray]]:
-    """A file of `uncertainty.MEASURES` as (horizons [s], {measure: [tracks, H]}), means over the seeds of a track.
+def read_uncertainty(path: str | Path) -> tuple[list[float], dict[str, np.ndarray], np.ndarray]:
+    """A file of `uncertainty.MEASURES` as (horizons [s], {measure: [tracks, H]}, person [tracks]), means over seeds.
 
-    `brier` is added: the squared error of the probability of having left, of each seed before their mean.
+    `brier` is added: the squared error of the probability of having left, of each seed before their mean. A track that
+    is forecast several times is there as often; `person` numbers whose each row is.
     """
     table = read_parquet(path)
     horizons = read_metadata(path)["horizons_s"]
-    rows = table.select(["recording", "track_id"]).to_pandas()
-    track = rows.groupby(["recording", "track_id"], observed=True).ngroup().to_numpy()
+    key = [name for name in ("recording", "track_id", "t0") if name in table.column_names]
+    rows = table.select(key).to_pandas()
+    track = rows.groupby(key, observed=True).ngroup().to_numpy()
+    person = np.zeros(track.max(initial=-1) + 1, np.int64)
+    person[track] = rows.groupby(key[:2], observed=True).ngroup().to_numpy()
     values = {name: column(table, name).reshape(-1, len(horizons)).astype(np.float64) for name in MEASURES}
     values["brier"] = (values["left"] - values["has_left"]) ** 2
     number = np.bincount(track)[:, None]
@@ -34,7 +38,7 @@ def read_uncertainty(path: str | Path) -> tuple[list[float], dict[str, np.ndarra
         total = np.zeros((len(number), len(horizons)))
         np.add.at(total, track, one)
         means[name] = total / number
-    return horizons, means
+    return horizons, means, person
 
 
 def summarise(
@@ -60,24 +64,36 @@ def summarise(
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def calibration(expected: np.ndarray, real: np.ndarray) -> pd.DataFrame:
-    """Expected and real errors [tracks] in `BINS` bins of equally many tracks, by expected error (see `_in_bins`)."""
+def calibration(expected: np.ndarray, real: np.ndarray, person: np.ndarray | None = None) -> pd.DataFrame:
+    """Expected and real errors [tracks] in `BINS` bins of equally many tracks, by expected error (see `_in_bins`).
+
+    `person` [tracks] says which of them belong together (default: none).
+    """
     known = np.flatnonzero(np.isfinite(expected) & np.isfinite(real))
     ordered = known[np.argsort(expected[known], kind="stable")]
-    return _in_bins(expected, real, np.array_split(ordered, BINS))
+    return _in_bins(expected, real, np.array_split(ordered, BINS), person)
 
 
-def reliability(probability: np.ndarray, happened: np.ndarray) -> pd.DataFrame:
-    """Probabilities and what happened (0 or 1), [tracks], in `BINS` equally wide bins of probability."""
+def reliability(probability: np.ndarray, happened: np.ndarray, person: np.ndarray | None = None) -> pd.DataFrame:
+    """Probabilities and what happened (0 or 1), [tracks], in `BINS` equally wide bins; `person` as of `calibration`."""
     place = np.minimum((probability * BINS + 1e-6).astype(int), BINS - 1)  # stored in single precision
-    return _in_bins(probability, happened, [np.flatnonzero(place == number) for number in range(BINS)])
+    return _in_bins(probability, happened, [np.flatnonzero(place == number) for number in range(BINS)], person)
 
 
-def _in_bins(forecast: np.ndarray, outcome: np.ndarray, bins: Sequence[np.ndarray]) -> pd.DataFrame:
-    """One row per bin that is not empty: `forecast` and `outcome` (means), `standard_error` of that, `n`."""
+def _in_bins(
+    forecast: np.ndarray, outcome: np.ndarray, bins: Sequence[np.ndarray], person: np.ndarray | None
+) -> pd.DataFrame:
+    """One row per bin that is not empty: `forecast` and `outcome` (means), `standard_error` of that, `n`.
+
+    The standard error is that of clusters, which are the persons: without several of one person, the SD by root n.
+    """
     rows = []
     for number, members in enumerate(bins, 1):
         if n := len(members):
-            error = np.std(outcome[members], ddof=1) / np.sqrt(n) if n > 1 else np.nan
-            rows.append((number, forecast[members].mean(), outcome[members].mean(), error, n))
+            mean = outcome[members].mean()
+            whose = np.arange(n) if person is None else np.unique(person[members], return_inverse=True)[1]
+            apart = np.bincount(whose, outcome[members] - mean)
+            several = len(apart)
+            error = np.sqrt(several / (several - 1) * (apart**2).sum()) / n if several > 1 else np.nan
+            rows.append((number, forecast[members].mean(), mean, error, n))
     return pd.DataFrame(rows, columns=["bin", "forecast", "outcome", "standard_error", "n"])

@@ -22,6 +22,7 @@ from modlhmp.forecasting import rollout
 from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.forecasting.windows import usable
 from modlhmp.kinds import find
 from modlhmp.methods import Method, load_map
 from modlhmp.settings import build
@@ -29,7 +30,7 @@ from modlhmp.site import Site
 from modlhmp.storage import DataError, column, read_parquet, write_parquet
 from modlhmp.streams import stream_keys
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import Tracks, read_tracks, together, usable_tracks
+from modlhmp.tracks import Tracks, read_tracks, together
 
 REPETITIONS = 5
 LATENCY_TRACKS = 200
@@ -84,9 +85,9 @@ def some_tracks(recordings: Iterable[Tracks], site: Site, number: int = 500) -> 
     """The first `number` usable tracks of some recordings, as one table."""
     parts, found = [], 0
     for tracks in recordings:
-        usable = tracks.track_id[usable_tracks(tracks, site.observed_rows)[: number - found, 0]]
-        parts.append(tracks.take(np.isin(tracks.track_id, usable)))
-        found += len(usable)
+        chosen = tracks.track_id[usable(tracks, site)[: number - found, 0]]
+        parts.append(tracks.take(np.isin(tracks.track_id, chosen)))
+        found += len(chosen)
         if found == number:
             break
     return together(parts)
@@ -189,7 +190,7 @@ def _observed(layout: Layout, name: str, recordings: Sequence[str], site: Site, 
     parts, found = [], 0
     for recording in recordings:
         tracks = read_tracks(layout.tracks(name, recording))
-        rows = usable_tracks(tracks, site.observed_rows)
+        rows = usable(tracks, site)
         if len(rows):
             parts.append(observe(tracks, rows, site.observed_rows))
             found += len(rows)

@@ -27,6 +27,7 @@ from modlhmp.storage import DataError
 
 Pair = Annotated[tuple[str, ...], MinLen(2), MaxLen(2)]
 Pairs = tuple[Pair, ...]
+Horizons = Annotated[tuple[Seconds, ...], MinLen(1)] | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +60,9 @@ class Ladder:
     beside: tuple[Annotated[tuple[str, ...], MinLen(3), MaxLen(3)], ...] = option(
         (), "[method, against, what differs]: pairs compared beside the rungs"
     )
-    horizons_s: Annotated[tuple[Seconds, ...], MinLen(1)] = option((5, 10, 20, 60), "horizons of its tables [s]")
+    horizons_s: Horizons = option(
+        None, "horizons of its tables and of the training study [s]; null: 5, 10, 20, 60, by the rule of `tables`"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,9 +110,10 @@ class Demo:
 class Tables:
     """What tables and tests show."""
 
-    horizons_s: Annotated[tuple[Seconds, ...], MinLen(1)] = option(
-        (5, 10, 20, 30, 60),
-        "horizons of the results table and the t-tests [s]; those beyond a dataset's longest are left out",
+    horizons_s: Horizons = option(
+        None,
+        "horizons of tables, t-tests and figures [s]; those that a dataset has not are left out; null: 5, 10, 20, 30, "
+        "60 and its longest, or quarters of its longest where these are under three",
     )
 
 

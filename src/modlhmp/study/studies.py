@@ -11,12 +11,13 @@ import pyarrow as pa
 
 from modlhmp.forecasting.base import Forecaster
 from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.forecasting.windows import usable
 from modlhmp.methods import Method, build_map, make_forecaster
 from modlhmp.scoring.recording import score_recording
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import Tracks, usable_tracks
+from modlhmp.tracks import Tracks
 
 
 def sample_tracks(recordings: Mapping[str, Tracks], dataset: str, site: Site, max_tracks: int) -> Mapping[str, Tracks]:
@@ -28,11 +29,11 @@ def sample_tracks(recordings: Mapping[str, Tracks], dataset: str, site: Site, ma
         name: stream_keys(np.unique(tracks.track_id), 1, "study sample", dataset, name)[:, 0]
         for name, tracks in recordings.items()
     }
-    usable = sum(len(usable_tracks(tracks, site.observed_rows)) for tracks in recordings.values())
-    if usable <= max_tracks:
+    number = sum(len(usable(tracks, site)) for tracks in recordings.values())
+    if number <= max_tracks:
         return recordings
     everyone = np.sort(np.concatenate(list(keys.values())))
-    limit = everyone[max(round(len(everyone) * max_tracks / usable), 1) - 1]
+    limit = everyone[max(round(len(everyone) * max_tracks / number), 1) - 1]
     return {
         name: tracks.take(np.isin(tracks.track_id, np.unique(tracks.track_id)[keys[name] <= limit]))
         for name, tracks in recordings.items()

@@ -23,12 +23,13 @@ OUTPUTS = ("ranked", "median", "medoid", "modes", "mean", "single", "mean_path")
 
 
 class Errors(NamedTuple):
-    """Errors of one method, output and protocol; tracks in a fixed order.
+    """Errors of one method, output and protocol; tracks in a fixed order, each once or once per forecast.
 
-    `keys` [tracks] are "recording/track"; `ade`, `fde` [seeds, tracks, T] float32 in m, NaN where not scored;
-    `eligible_steps` [tracks]; `unknown` [tracks]: whether the method could not forecast it, with some seed: no
-    dynamics from t0 on. With a floor plan, `infeasible` [seeds, tracks, T] is 1 where the forecast has been
-    inside a wall (a share where it is a mean of several), and `truth_infeasible` [tracks, T] says so of the truth.
+    `keys` [tracks] are "recording/track", of a track that is forecast several times "recording/track@t0"; `ade`, `fde`
+    [seeds, tracks, T] float32 in m, NaN where not scored; `eligible_steps` [tracks]; `unknown` [tracks]: whether the
+    method could not forecast it, with some seed: no dynamics from t0 on. With a floor plan, `infeasible` [seeds,
+    tracks, T] is 1 where the forecast has been inside a wall (a share where it is a mean of several), and
+    `truth_infeasible` [tracks, T] says so of the truth.
     """
 
     keys: np.ndarray
@@ -57,6 +58,8 @@ def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) ->
     found, place = {}, np.empty((2, len(rows)), np.int64)  # seed and track of every row
     for key, group in rows.groupby(["output", "protocol"], observed=True):
         names = group["recording"].astype(str) + "/" + group["track_id"].astype(str)
+        if "t0" in group:
+            names += "@" + group["t0"].astype(str)
         keys, track = np.unique(names, return_inverse=True)
         seeds, seed = np.unique(group["seed"], return_inverse=True)
         place[:, group.index] = seed, track

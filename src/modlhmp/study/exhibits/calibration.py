@@ -54,12 +54,12 @@ def bins_of(layout: Layout, dataset: Dataset, measured: Sequence[str]) -> pd.Dat
     """Bins of every measured method and horizon of a dataset, as one table; `what`: `error` [m] or `left`."""
     tables = []
     for method in measured:
-        horizons, by_track = read_uncertainty(layout.uncertainty(dataset.name, method))
+        horizons, by_track, person = read_uncertainty(layout.uncertainty(dataset.name, method))
         for column, horizon in enumerate(horizons):
             at = {name: one[:, column] for name, one in by_track.items()}
             both = {
-                "error": calibration(at["expected_m"], at["real_m"]),
-                "left": reliability(at["left"], at["has_left"]),
+                "error": calibration(at["expected_m"], at["real_m"], person),
+                "left": reliability(at["left"], at["has_left"], person),
             }
             whose: dict[str, Any] = {"dataset": dataset.name, "method": method, "horizon_s": horizon}
             tables += [bins.assign(**whose, what=what) for what, bins in both.items()]

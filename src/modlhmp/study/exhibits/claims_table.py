@@ -34,20 +34,21 @@ def draw(
     titles: Mapping[str, str],
     kinds: Mapping[str, str],
     studies: Mapping[str, Sequence[float]],
-    horizons: Sequence[float],
+    horizons: Mapping[str, Sequence[float]],
     measured: Sequence[str],
     days: Mapping[str, Mapping[str, str]],
 ) -> None:
     """Test every claim on every dataset and write the table.
 
     `recordings` are the test recordings of each dataset by its name, `titles` and `kinds` are of the compared methods,
-    `studies` has the values of each studied parameter of TC-CLiFF, `horizons` [s] are those of the tables, `measured`
-    names the datasets that the runtime study has been run on, `days` has the day of each recording by dataset.
+    `studies` has the values of each studied parameter of TC-CLiFF, `horizons` [s] are those of the tables by dataset,
+    `measured` names the datasets that the runtime study has been run on, `days` has the day of each recording by
+    dataset.
     """
     evidence = [
         gather(
-            layout, dataset, recordings[dataset.name], titles, studies, horizons, dataset.name in measured,
-            days[dataset.name],
+            layout, dataset, recordings[dataset.name], titles, studies, horizons[dataset.name],
+            dataset.name in measured, days[dataset.name],
         )
         for dataset in datasets
     ]  # fmt: skip
@@ -72,7 +73,7 @@ def gather(
     for recording in recordings:
         tracks = read_tracks(layout.tracks(name, recording))
         lengths.append(lengths_counted([tracks], dataset, "paper"))
-        idle |= idle_keys(recording, tracks, dataset.observed_rows)
+        idle |= idle_keys(recording, tracks, dataset)
     return Evidence(
         dataset,
         horizons,

@@ -1,5 +1,6 @@
 """Figure density: where one person of each dataset may be at three moments, as the samples of a forecast say."""
 
+import dataclasses
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -119,15 +120,16 @@ def example(
 def forecast_again(
     layout: Layout, dataset: Dataset, method: Method, track: Example, samples: int, seed: int
 ) -> Forecast:
-    """The `Forecast` of one track with `samples` futures at least; files keep fewer."""
+    """The first `Forecast` of one track with `samples` futures at least; files keep fewer."""
     exits = layout.map(dataset.name, "exits")
     path = layout.map(dataset.name, method.kind)
     forecaster = make_forecaster(method.kind, method.options, dataset, path, exits)
+    once = dataclasses.replace(dataset, forecast_every_s=None)
     tracks = read_tracks(layout.tracks(dataset.name, track.recording))
     tracks = tracks.take(tracks.track_id == track.track_id)
     keyed_by = (dataset.name, method.name, track.recording)
     k = max(method.futures, samples)
-    ((_, _, forecast),) = forecast_recording(tracks, forecaster, dataset, keyed_by, k, [seed])
+    ((_, _, forecast),) = forecast_recording(tracks, forecaster, once, keyed_by, k, [seed])
     return forecast
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.study.exhibits.ladder_table import difference_cell, errors_cell, row_of
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.ladder import differences, scores
@@ -26,14 +25,17 @@ def draw(
     stem: str,
     methods: Mapping[str, str],
     reference: str,
-    horizons: Sequence[float],
+    horizons: Mapping[str, Sequence[float]],
     days: Mapping[str, str],
 ) -> None:
-    """One row per dataset and method; `methods` maps names to titles, `days` test recordings to their days."""
+    """One row per dataset and method.
+
+    `methods` maps names to titles, `horizons` [s] datasets' names to theirs, `days` test recordings to their days.
+    """
     rows: list[dict[str, str]] = []
     for title in dict.fromkeys(one.fold_of for one in datasets):
         parts = [one for one in datasets if one.fold_of == title]
-        shown = scored_horizons(horizons, parts[0])
+        shown = horizons[parts[0].name]
         step_s = parts[0].time_step_s
         errors = {
             method: pooled(at_horizons(layout.errors(one.name, method), shown, step_s) for one in parts)

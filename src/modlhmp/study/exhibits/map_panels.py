@@ -45,7 +45,7 @@ def panels(
             ax.set(xlim=(x.min() - MARGIN_M, x.max() + MARGIN_M), ylim=(y.min() - MARGIN_M, y.max() + MARGIN_M))
             ax.set_aspect("equal")
             ax.grid(False)
-            style.draw_floor_plan(ax, dataset.floor_plan)
+            style.draw_floor_plan(ax, dataset)
         if style.image_coordinates(dataset):
             axes[0, 0].invert_yaxis()
     for ax in axes[-1]:

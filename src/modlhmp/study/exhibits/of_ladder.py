@@ -43,7 +43,7 @@ def _folds_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     return {
         "methods": plan.titles,
         "reference": reference if reference in plan.run.compare else plan.run.compare[0],
-        "horizons": list(plan.run.tables.horizons_s),
+        "horizons": plan.horizons,
         "days": {one.name: one.day for dataset in datasets for one in dataset.of_split("test")},
     }
 

@@ -87,19 +87,20 @@ def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "titles": plan.titles,
         "kinds": {name: plan.run.kind(name).name for name in plan.run.compare},
         "studies": _values(plan, _claimed_studies(plan)),
-        "horizons": list(plan.run.tables.horizons_s),
+        "horizons": plan.horizons,
         "measured": _measured(plan, datasets),
         "days": {dataset.name: dataset.days("test") for dataset in datasets},
     }
 
 
 def _parameter_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    (dataset,) = datasets
     studied = plan.run.method(plan.run.studies.method)
     return {
         "method": plan.run.title(studied.name),
         "values": _values(plan, plan.studied),
         "chosen": {parameter: getattr(studied.options, parameter) for parameter in plan.studied},
-        "horizons": list(plan.run.tables.horizons_s),
+        "horizons": plan.horizons[dataset.name],
     }
 
 
@@ -107,7 +108,7 @@ def _training_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     return {
         "titles": plan.run.titles(plan.from_less),
         "shares": list(plan.run.studies.training.shares),
-        "horizons": list(plan.run.ladder.horizons_s),
+        "horizons": plan.ladder_horizons,
     }
 
 
@@ -161,7 +162,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         paper="tab:expres",
         caption=_results_caption,
         needs=_scores,
-        asks=lambda plan, datasets: {"methods": plan.titles, "horizons": list(plan.run.tables.horizons_s)},
+        asks=lambda plan, datasets: {"methods": plan.titles, "horizons": plan.horizons},
     ),
     Exhibit(
         name="tab_ttests",

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import main_rows
@@ -28,9 +27,8 @@ def draw(
     """One column per parameter, one row per protocol.
 
     `method` is the title of the studied one; `values` are those that were tried of each parameter, `chosen` those that
-    the other exhibits use, marked by a dotted line; `horizons` [s] are those of the tables.
+    the other exhibits use, marked by a dotted line; `horizons` [s] are the dataset's of the tables.
     """
-    horizons = scored_horizons(horizons, dataset)
     rows = pd.concat([_summaries(layout, dataset, name, tried) for name, tried in values.items()], ignore_index=True)
     rows = rows[[any(np.isclose(h, horizons)) for h in rows["horizon_s"]]]
     fig, axes = style.figure(2, len(values), height_mm=105.0, sharex="col", sharey=True)

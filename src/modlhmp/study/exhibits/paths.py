@@ -56,7 +56,7 @@ def person_paths(tracks_file: str | Path, track_id: int, dataset: Dataset, steps
 
 
 def forecast_of(forecasts_file: str | Path, track_id: int) -> Forecast | None:
-    """A track's `Forecast` by the first (smallest) seed, `xy` [k, T, 2] and so on; None if the file has none."""
+    """A track's first `Forecast` by the first (smallest) seed, `xy` [k, T, 2] and so on; None if the file has none."""
     seeds = read_parquet(forecasts_file, ["seed"])["seed"]
     if not len(seeds):
         return None
@@ -92,7 +92,7 @@ def _positions(what, xy, step_s):
 
 def of_example(dataset: Dataset, track: Example, tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """The tables of one example as one that says whose they are (`COLUMNS`)."""
-    whose: dict[str, Any] = {"dataset": dataset.name, "recording": track.recording, "track_id": track.track_id}
+    whose: dict[str, Any] = {"dataset": dataset.name, "recording": track.recording, "track_id": track.owner}
     return pd.concat(tables, ignore_index=True).assign(**whose)[list(COLUMNS)].astype(WHOLE)
 
 
@@ -107,7 +107,7 @@ def rule(methods: Mapping[str, str]) -> str:
 
 def who(track: Example) -> str:
     """Whose path a panel shows, and that the rule chose it."""
-    return f"track {track.track_id} of {track.recording}: median of {track.of} tracks"
+    return f"track {track.owner} of {track.recording}: median of {track.of} tracks"
 
 
 def collect(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -170,7 +170,7 @@ def frame(ax: Axes, dataset: Dataset, xy: np.ndarray, horizon_s: float) -> None:
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=f"{dataset.title}, {horizon_s:g} s")
     ax.grid(False)
     ax.spines[:].set_visible(True)
-    style.draw_floor_plan(ax, dataset.floor_plan)
+    style.draw_floor_plan(ax, dataset)
 
 
 def draw_person(ax: Axes, table: pd.DataFrame) -> None:

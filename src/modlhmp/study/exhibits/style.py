@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.colors import LinearSegmentedColormap
 
 from modlhmp.datasets import Dataset
-from modlhmp.floor_plan import load_floor_plan
+from modlhmp.floor_plan import load_floor_plan, moved
 from modlhmp.storage import atomic_path, write_text
 
 mpl.use("Agg")
@@ -116,11 +116,11 @@ def orientation_scale() -> mpl.cm.ScalarMappable:
     return mpl.cm.ScalarMappable(mpl.colors.Normalize(0.0, 2 * np.pi), ORIENTATION)
 
 
-def draw_floor_plan(axes: Axes, files: Sequence[str]) -> None:
-    """Draw a dataset's floor plan (its `floor_plan`, maybe empty) under the data of `axes`, whose limits it keeps."""
-    if not files:
+def draw_floor_plan(axes: Axes, dataset: Dataset) -> None:
+    """Draw a dataset's floor plan, if it has one, under the data of `axes`, whose limits it keeps."""
+    if not dataset.floor_plan:
         return
-    plan = load_floor_plan(files[0])
+    plan = moved(load_floor_plan(dataset.floor_plan[0]), dataset.origin_m)
     limits = axes.get_xlim(), axes.get_ylim()
     coarse = max(min(plan.cells.shape) // _PLAN_PIXELS, 1)
     rows, columns = (size // coarse * coarse for size in plan.cells.shape)

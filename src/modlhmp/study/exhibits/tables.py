@@ -7,8 +7,8 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.errors import lengths_counted
-from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.protocols import PROTOCOLS
+from modlhmp.site import Site
 from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits.selection import main_rows, scored_of
 from modlhmp.study.exhibits.table_forms import write_table
@@ -43,6 +43,7 @@ def draw_parameters(
         "sampling radius r_s [m]": lambda d: constants["sampling_radius_m"],
         "kernel parameter β": lambda d: constants["beta"],
         "futures per track k": lambda d: constants["k"],
+        **_rarer_rows(datasets),
         "usable test tracks": lambda d: len(lengths[d.name, "complete"]),
         "90th percentile of their length after t0 [s]": lambda d: _percentile(lengths[d.name, "complete"]),
         "test tracks that the paper protocol counts": lambda d: len(lengths[d.name, "paper"]),
@@ -50,16 +51,31 @@ def draw_parameters(
     }
     table = pd.DataFrame({"parameter": list(rows)})
     for dataset in datasets:
-        table[dataset.title] = [f"{value(dataset):g}" for value in rows.values()]
+        table[dataset.title] = [f"{value(dataset):g}".replace("nan", "–") for value in rows.values()]
     write_table(table, stem, "Parameters", any(dataset.demo for dataset in datasets))
 
 
+def _rarer_rows(datasets):
+    """Rows of what is the same in all of the paper, where a dataset has it otherwise."""
+    rows = {}
+    if any(one.observed_rows != Site.observed_rows for one in datasets):
+        rows["observed rows, the last at t0"] = lambda d: d.observed_rows
+    if any(one.forecast_every_s for one in datasets):
+        rows["a forecast of a track every [s]"] = lambda d: d.forecast_every_s or np.nan
+    return rows
+
+
 def draw_results(
-    layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str], horizons: Sequence[float]
+    layout: Layout,
+    datasets: Sequence[Dataset],
+    stem: str,
+    methods: Mapping[str, str],
+    horizons: Mapping[str, Sequence[float]],
 ) -> None:
     """Results table at each dataset's longest horizon: both protocols, own lengths, walls; best errors in bold.
 
-    The Markdown and HTML files add all table `horizons` [s]; `methods` maps names to titles in table order.
+    The Markdown and HTML files add the table `horizons` [s] of each dataset by its name; `methods` maps names to
+    titles in table order.
     """
     results = main_rows(pd.read_csv(layout.scores))
     blocks, others = [], []
@@ -68,7 +84,7 @@ def draw_results(
         blocks.append(_longest(rows, dataset, methods))
         for protocol in ("paper", "complete"):
             table = pd.DataFrame({"method": list(methods.values())})
-            for horizon in scored_horizons(horizons, dataset):
+            for horizon in horizons[dataset.name]:
                 at = _at(rows, methods, protocol, horizon)
                 cells = zip(_errors(at), (_count(row) for _, row in at.iterrows()), strict=True)
                 table[f"{horizon:g} s"] = [f"{errors} (n {count})" for errors, count in cells]
@@ -81,6 +97,7 @@ def draw_results(
     )
     if np.isfinite(spread):
         note += f" {results['seeds'].max():.0f} seeds; the SD of the mean ADE over seeds is at most {spread:.3f} m."
+    note += _several(datasets)
     write_table(pd.concat(blocks), stem, "Results", any(dataset.demo for dataset in datasets), note, others)
 
 
@@ -117,7 +134,15 @@ def draw_ttests(layout: Layout, datasets: Sequence[Dataset], stem: str, methods:
         "`n_unknown` tracks could not be forecast by one of the two; `p_known` is without them. `detectable_m`: the "
         "difference that such a test, uncorrected, finds in four of five tries."
     )
+    note += _several(datasets)
     write_table(shown, stem, "Paired one-sided t-tests", any(dataset.demo for dataset in datasets), note)
+
+
+def _several(datasets):
+    """What n counts where a track is forecast several times, for notes."""
+    parts = [f" {one.title}: a forecast of each track every {one.forecast_every_s:g} s, and n counts these; tests and "
+             "intervals are over days or persons." for one in datasets if one.forecast_every_s]  # fmt: skip
+    return "".join(parts)
 
 
 def _percentile(lengths):

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import main_rows
 from modlhmp.study.layout import Layout
@@ -19,17 +18,17 @@ def draw(
     stem: str,
     titles: Mapping[str, str],
     shares: Sequence[float],
-    horizons: Sequence[float],
+    horizons: Mapping[str, Sequence[float]],
 ) -> None:
     """One row of panels per dataset, one column per horizon (its three longest), one line per method.
 
     Complete protocol. `titles` maps the methods' names to their titles; `shares` are of the training tracks, `horizons`
-    [s] those of the ladder.
+    [s] are those of the ladder by dataset.
     """
     rows = pd.concat([_summaries(layout, dataset, titles, shares) for dataset in datasets], ignore_index=True)
     fig, axes = style.figure(len(datasets), 3, style.PAGE_MM, 52.0 * len(datasets) + 8, sharex=True)
     for line, dataset in zip(axes, datasets, strict=True):
-        drawn = scored_horizons(horizons, dataset)[-3:]
+        drawn = horizons[dataset.name][-3:]
         for panel, horizon in zip(line, drawn, strict=False):
             here = rows[(rows["dataset"] == dataset.name) & np.isclose(rows["horizon_s"], horizon)]
             for position, method in enumerate(titles):

@@ -48,7 +48,7 @@ def draw(
     `others` maps the titles of the compared methods that have no scores to the reason; they are dashes.
     """
     parts = [
-        summarise(one.name, method, *read_uncertainty(layout.uncertainty(one.name, method)))
+        summarise(one.name, method, *read_uncertainty(layout.uncertainty(one.name, method))[:2])
         for one in datasets
         for method in methods
     ]

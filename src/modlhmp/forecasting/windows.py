@@ -1,0 +1,76 @@
+"""Which forecasts are made of a recording: one of each track, as in the paper, or one every so many seconds of it."""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from modlhmp.forecasting.base import Forecast
+from modlhmp.site import Site
+from modlhmp.tracks import Tracks, gap_limit, usable_tracks
+
+LATE_STEPS = 0.05  # what clock jitter may take from a row's time, as of the seconds of truth
+
+
+class Windows(NamedTuple):
+    """n forecasts of a recording, in the order of its tracks, then of time.
+
+    `tracks` [m, 2] are the first and last row of its usable tracks; `of` [n] says whose each forecast is, counting
+    these; `row` [n] is its row at t0, the last one that is observed, and `t0` [n] the time there in unix s.
+    `track_id` [n]. `later_s` [n] is how long t0 is after the track's first t0, 0 for its first forecast.
+    """
+
+    tracks: np.ndarray
+    of: np.ndarray
+    row: np.ndarray
+    t0: np.ndarray
+    track_id: np.ndarray
+    later_s: np.ndarray
+
+
+def usable(tracks: Tracks, site: Site) -> np.ndarray:
+    """First and last row of every track that can be forecast and scored, [n, 2] (`tracks.usable_tracks`)."""
+    return usable_tracks(tracks, site.observed_rows, gap_limit(site.time_step_s))
+
+
+def windows(tracks: Tracks, site: Site) -> Windows:
+    """The forecasts of every usable track: at its `observed_rows`-th row, and `forecast_every_s` after that, if given.
+
+    A later t0 is the first row that is not before its moment; at least one row of the track comes after it.
+    """
+    found = usable(tracks, site)
+    first, last = found[:, 0] + site.observed_rows - 1, found[:, 1]
+    of, row = np.arange(len(found)), first
+    if site.forecast_every_s is not None:
+        late_s = LATE_STEPS * site.time_step_s
+        rows = [
+            begin + _moments(tracks.t[begin:end] - tracks.t[begin], site.forecast_every_s, late_s)
+            for begin, end in zip(first, last, strict=True)
+        ]
+        of, row = np.repeat(of, [len(one) for one in rows]), np.concatenate([first[:0], *rows])
+    t0 = tracks.t[row]
+    return Windows(found, of, row, t0, tracks.track_id[row], t0 - tracks.t[first[of]])
+
+
+def _moments(since_s: np.ndarray, every_s: float, late_s: float) -> np.ndarray:
+    """Places of the first row at or after 0, `every_s`, twice that, ... in the times of rows [m], the first one 0."""
+    wanted = np.arange(np.floor((since_s[-1] + late_s) / every_s) + 1) * every_s
+    return np.unique(np.searchsorted(since_s, wanted - late_s))
+
+
+def in_order(
+    forecasts: Iterable[tuple[int, np.ndarray, Forecast]], wanted: Windows, recording: str = "recording"
+) -> Iterator[tuple[int, np.ndarray, Forecast]]:
+    """Yield (seed, places [m] among the `Windows`, Forecast) of forecasts that yield (seed, track_ids, Forecast).
+
+    They come in the order of the windows, every one for each seed; `ValueError` if they are of other tracks.
+    """
+    done: dict[int, int] = {}
+    for seed, track_ids, forecast in forecasts:
+        places = done.get(seed, 0) + np.arange(len(track_ids))
+        done[seed] = done.get(seed, 0) + len(track_ids)
+        if not np.array_equal(track_ids, wanted.track_id[places[places < len(wanted.t0)]]):
+            raise ValueError(f"{recording}: the forecasts are of other tracks than the recording's; remake them")
+        yield seed, places, forecast
+    if any(number != len(wanted.t0) for number in done.values()):
+        raise ValueError(f"{recording}: the forecasts are of fewer tracks than the recording's; remake them")

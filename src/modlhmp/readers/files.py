@@ -1,0 +1,156 @@
+"""The files that a dataset's `recordings` stand for: found under the data root, named, and no two of them the same."""
+
+import glob
+import os
+import re
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from pathlib import Path
+
+from modlhmp.file_format import Recording
+from modlhmp.readers.raw import COMPRESSED, find_recording
+from modlhmp.storage import DataError, file_sha256
+
+_SUFFIXES = {"csv", "txt", "tsv", "ndjson", "dat"}
+_HEAD_BYTES = 1 << 16
+
+
+def find_files(source: str | Path, listed: str, root: Path) -> list[Path]:
+    """The files that a path or glob under `root` stands for, in order; one that does not exist where it is expected.
+
+    What exists under exactly this name is meant, whatever its name holds. In a glob `**` stands for any number of
+    folders, also none. `DataError` that names `source` for a glob without a file, for folders and for braces.
+    """
+    try:
+        return _find(source, listed, root)
+    except OSError as error:  # a name that is too long, a folder that may not be entered
+        raise DataError(f"{source}: files {listed!r}: cannot be looked for under {root} ({error.strerror})") from None
+
+
+def _find(source: str | Path, listed: str, root: Path) -> list[Path]:
+    path = root / listed
+    found = find_recording(path)
+    member = _stored(path)[1]
+    if member and glob.has_magic(member):
+        raise DataError(f"{source}: files {listed!r}: globs do not reach into archives; name the members one by one")
+    if found is not None:
+        return [found]
+    if path.is_dir():
+        raise DataError(f"{source}: files {listed!r} is a folder; name its files, such as {Path(listed, '**/*.csv')}")
+    if re.search(r"\{[^{}]*,[^{}]*\}", listed):
+        raise DataError(
+            f"{source}: files {listed!r}: there is no such file, and braces stand for nothing else; write an entry for "
+            "each name, or a glob with *, ? or [ab]"
+        )
+    if not glob.has_magic(listed):
+        return [path]
+    matches = sorted(root / one for one in glob.glob(listed, root_dir=root, recursive=True) if (root / one).is_file())
+    if not matches:
+        raise DataError(f"{source}: no file matches {path}; correct `files`, or `data_root` in the configuration")
+    return matches
+
+
+def recording_at(path: Path, root: Path) -> Recording:
+    """The recording of a file; its name depends on the others', its day and split on the dataset file."""
+    stored, member = _stored(path)
+    exists = find_recording(path) is not None
+    file = os.path.relpath(stored, root)
+    return Recording(path=str(path), stored=stored, member=member, file=file, exists=exists)
+
+
+def names_of(source: str | Path, recordings: Sequence[Recording]) -> list[str]:
+    """What each recording is called: its file's name without suffix or, where others have the same, its path.
+
+    `day1/tracks.csv` beside `day2/tracks.csv` is `day1.tracks`: a dot for each slash, and two for each dot, so that no
+    two paths are written alike. `DataError` for files that differ in nothing but their suffix.
+    """
+    stems, paths = [_stem(one) for one in recordings], [_path_name(one) for one in recordings]
+    names, before = stems, None
+    while names != before:  # again, for a name without suffix may be another's path
+        before = names
+        names = [path if before.count(name) > 1 else name for name, path in zip(before, paths, strict=True)]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        one, other, *_ = (number for number, name in enumerate(names) if name == twice)
+        raise DataError(
+            f"{source}: two recordings are named {stems[one]}: {_told(recordings[one])} and "
+            f"{_told(recordings[other])}; give the files different names, not only suffixes, or leave one out"
+        )
+    return names
+
+
+def check_different(source: str | Path, recordings: Iterable[Recording]) -> None:
+    """Whether no file is listed twice, and none holds the same bytes as another; `DataError` that names both.
+
+    Files are read only where their sizes are the same, and beyond their beginnings only where these are. What does not
+    exist or cannot be read is somebody else's error.
+    """
+    recordings = list(recordings)
+    for one, other in _alike(recordings, [_identity]):
+        if _told(one) == _told(other):
+            raise DataError(f"{source}: recordings: {_told(one)} is listed twice; leave one out, or narrow a glob")
+        raise DataError(f"{source}: recordings: {_told(one)} and {_told(other)} are the same file; leave one out")
+    plain = [one for one in recordings if one.exists and one.member is None]
+    for one, other in _alike(plain, [_size, _head, lambda one: file_sha256(one.stored)]):
+        raise DataError(
+            f"{source}: recordings: {_told(one)} and {_told(other)} hold the same bytes, so that the same people would "
+            "count twice; leave one out, or put the right file there"
+        )
+
+
+def _alike(
+    recordings: list[Recording], keys: list[Callable[[Recording], Hashable]]
+) -> Iterable[tuple[Recording, Recording]]:
+    """Pairs of recordings for which all keys agree; a key is asked of those only for which the ones before it do."""
+    groups = [recordings]
+    for key in keys:
+        parted: dict[Hashable, list[Recording]] = defaultdict(list)
+        for number, one in ((number, one) for number, group in enumerate(groups) for one in group):
+            try:
+                parted[number, key(one)].append(one)
+            except OSError:
+                continue
+        groups = [group for group in parted.values() if len(group) > 1]
+    return ((group[0], group[1]) for group in groups)
+
+
+def _identity(recording: Recording) -> Hashable:
+    if not recording.exists:
+        return os.path.abspath(recording.path)
+    found = os.stat(recording.stored)
+    return found.st_dev, found.st_ino, recording.member
+
+
+def _size(recording: Recording) -> Hashable:
+    size = os.stat(recording.stored).st_size
+    return size or recording.stored  # empty files are told apart, and refused by their reader
+
+
+def _head(recording: Recording) -> Hashable:
+    with open(recording.stored, "rb") as file:
+        return file.read(_HEAD_BYTES)
+
+
+def _stored(file: str | Path) -> tuple[str, str | None]:
+    """The file on disk that holds a recording, and the member of it that `archive.zip/member.csv` names."""
+    before, inside, member = str(file).partition(".zip/")
+    return (before + ".zip", member) if inside else (str(file), None)
+
+
+def _told(recording: Recording) -> str:
+    """A recording's path under the data root, for messages."""
+    return f"{recording.file}/{recording.member}" if recording.member else recording.file
+
+
+def _stem(recording: Recording) -> str:
+    """The name of a recording's file without the suffixes."""
+    name = Path(recording.path).name
+    for suffix in COMPRESSED:
+        name = name.removesuffix(suffix)
+    stem, _, suffix = name.rpartition(".")
+    return stem if stem and suffix in _SUFFIXES else name
+
+
+def _path_name(recording: Recording) -> str:
+    """A recording's path under the data root, without its suffixes and slashes."""
+    *folders, _ = Path(_told(recording)).parts
+    return ".".join(part.replace(".", "..") for part in (*folders, _stem(recording)))

@@ -1,0 +1,296 @@
+"""Several forecasts of a track: where they begin, that the first is the only one's, and that persons are clusters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowds import straight
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from modlhmp.forecasting import cvm
+from modlhmp.forecasting.average import average_forecasts
+from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.files import read_forecasts, read_t0, write_forecasts
+from modlhmp.forecasting.neighbours import find_neighbours
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.forecasting.windows import in_order, windows
+from modlhmp.options import ConstantVelocity
+from modlhmp.scoring.encounters import encounters
+from modlhmp.scoring.errors import ground_truth, is_idle, lengths_counted, stands_about, truth_of
+from modlhmp.scoring.recording import score_recording
+from modlhmp.scoring.uncertainty import score_samples
+from modlhmp.site import IdleFilter, PaperProtocol, Site
+from modlhmp.storage import write_parquet
+from modlhmp.streams import stream_keys, uniforms
+from modlhmp.study.comparisons import clusters, compare, persons
+from modlhmp.study.readings import readings
+from modlhmp.study.reliability import calibration, read_uncertainty
+from modlhmp.study.summary import at_horizons
+from modlhmp.tracks import Tracks, concatenate, empty_tracks, together, usable_tracks
+
+FEW = settings(max_examples=25, deadline=None, derandomize=True)
+ONCE = Site(observed_rows=4, horizon_s=8.0, timezone="Asia/Tokyo")
+OFTEN = replace(ONCE, forecast_every_s=5)
+NAMES = ("hall", "m", "day")
+
+
+def track(rng, person, rows, jitter=0.04):
+    """A random walk with clock jitter; now and then a row is missing."""
+    t = 1.9e9 + rng.uniform(0, 50) + np.arange(rows) + rng.uniform(-jitter, jitter, rows)
+    x, y = rng.normal(0, 1, (2, rows)).cumsum(axis=1)
+    one = Tracks(np.full(rows, person), t, x, y, rng.uniform(0, 2, rows), rng.uniform(-3, 3, rows))
+    kept = rng.random(rows) < 0.9
+    kept[:1] = True
+    return one.take(kept)
+
+
+def recording(seed=0, tracks=9, longest=40):
+    rng = np.random.default_rng(seed)
+    return concatenate(track(rng, 100 + n, int(rng.integers(2, longest))) for n in range(tracks))
+
+
+def scattered(observed, steps, keys):
+    """Three futures of random positions around t0's, that depend on the keys only."""
+    n, k = keys.shape
+    noise = uniforms(keys.ravel(), 0, 2 * steps).reshape(n, k, steps, 2)
+    start = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
+    xy = (start[:, None, None] + 4 * noise).astype(np.float32)
+    return Forecast(xy, -np.cumsum(noise[..., 0], -1).astype(np.float32), np.full((n, k), steps, np.int32), "ranked")
+
+
+def forecasts(tracks, site, seeds=(0, 1), k=3, forecaster=scattered):
+    return forecast_recording(tracks, forecaster, site, NAMES, k, seeds)
+
+
+def joined(tracks, site, seed=0, **options):
+    """All positions of one seed, [n, k, T, 2]."""
+    return np.concatenate([one.xy for _, _, one in forecasts(tracks, site, (seed,), **options)])
+
+
+# --- where they begin ---------------------------------------------------------------------------------------
+
+
+@FEW
+@given(st.integers(0, 10**6), st.sampled_from([1.0, 0.4]), st.sampled_from([1, 3, 10]), st.sampled_from([2, 4, 8]))
+def test_windows_equal_the_loop(seed, step_s, steps_apart, observed_rows):
+    tracks = recording(seed)
+    tracks = tracks._replace(t=1.9e9 + (tracks.t - 1.9e9) * step_s)
+    site = Site(observed_rows=observed_rows, time_step_s=step_s, forecast_every_s=steps_apart * step_s, horizon_s=8)
+    found, expected = windows(tracks, site), []
+    for number, (first, last) in enumerate(usable_tracks(tracks, observed_rows)):
+        begin, moment = first + observed_rows - 1, 0.0
+        for row in range(begin, last):  # a row comes after it
+            since = tracks.t[row] - tracks.t[begin]
+            if since >= moment - 0.05 * step_s:
+                expected.append((number, row))
+                while since >= moment - 0.05 * step_s:
+                    moment += steps_apart * step_s
+    got = list(zip(found.of.tolist(), found.row.tolist(), strict=True))
+    assert got == expected
+    np.testing.assert_array_equal(found.t0, tracks.t[found.row])
+    np.testing.assert_array_equal(found.track_id, tracks.track_id[found.row])
+    assert (found.later_s >= 0).all()
+    assert (np.bincount(found.of[found.later_s == 0], minlength=len(found.tracks)) == 1).all()
+
+
+def test_a_walk_by_hand():
+    """A row each second from 0 to 20, t0 of the first forecast at 3 s; at 20 s nothing comes after."""
+    walk = straight(1, (0, 0), (1, 0), 21)
+    first = walk.t[0]
+    assert (windows(walk, ONCE).t0 - first).tolist() == [3]
+    assert (windows(walk, OFTEN).t0 - first).tolist() == [3, 8, 13, 18]
+    assert (windows(walk, replace(ONCE, forecast_every_s=17)).t0 - first).tolist() == [3]
+    hole = walk.take(np.r_[0:8, 12:21])  # without the rows of 8 to 11 s, a gap of 5 s
+    assert (windows(hole, OFTEN).t0 - first).tolist() == [3, 12, 13, 18]
+    assert (windows(hole, replace(ONCE, forecast_every_s=1)).t0 - first).tolist() == [3, 4, 5, 6, 7, *range(12, 20)]
+
+
+def test_a_recording_of_nobody_has_none():
+    assert len(windows(empty_tracks(), OFTEN).t0) == 0
+    assert len(windows(empty_tracks(), ONCE).t0) == 0
+
+
+def test_without_the_option_each_usable_track_is_forecast_once():
+    tracks = recording(3)
+    found, usable = windows(tracks, ONCE), usable_tracks(tracks, 4)
+    np.testing.assert_array_equal(found.tracks, usable)
+    np.testing.assert_array_equal(found.row, usable[:, 0] + 3)
+    np.testing.assert_array_equal(found.of, np.arange(len(usable)))
+    assert not found.later_s.any()
+
+
+# --- forecasts and truth ------------------------------------------------------------------------------------
+
+
+def test_first_forecasts_are_those_of_once_a_track():
+    """To the bit, whatever else is forecast: random numbers, truth, and errors."""
+    tracks = recording(4)
+    first = windows(tracks, OFTEN).later_s == 0
+    assert 0 < first.sum() < len(first)
+    np.testing.assert_array_equal(joined(tracks, OFTEN)[first], joined(tracks, ONCE))
+    for part, other in zip(
+        truth_of(tracks, windows(tracks, OFTEN), OFTEN), truth_of(tracks, windows(tracks, ONCE), ONCE), strict=True
+    ):
+        np.testing.assert_array_equal(part[first], other)
+    often = score_recording(tracks, forecasts(tracks, OFTEN), "day", OFTEN).to_pandas()
+    once = score_recording(tracks, forecasts(tracks, ONCE), "day", ONCE).to_pandas()
+    assert "t0" not in once
+    both = often.merge(once, on=["track_id", "seed", "output", "protocol"], suffixes=("", "_once"))
+    both = both[both["t0"] == both.groupby("track_id")["t0"].transform("min")]
+    assert len(both) == len(once)
+    for name in ("ade", "fde"):
+        np.testing.assert_array_equal(np.stack(both[name]), np.stack(both[f"{name}_once"]))
+
+
+def test_a_later_forecast_is_that_of_the_track_from_there_on():
+    """It observes the rows up to its own t0, and its truth is what follows."""
+    tracks = recording(5)
+    found, straight_on = windows(tracks, OFTEN), cvm.forecaster(None, OFTEN, ConstantVelocity())
+    paths = joined(tracks, OFTEN, k=1, forecaster=straight_on)
+    truth, length = truth_of(tracks, found, OFTEN)
+    for number, row in enumerate(found.row):
+        rest = tracks.take(slice(row - 3, found.tracks[found.of[number], 1] + 1))
+        np.testing.assert_array_equal(paths[number : number + 1], joined(rest, ONCE, k=1, forecaster=straight_on))
+        xy, steps = ground_truth(rest, np.array([[0, len(rest.t) - 1]]), 4, 8)
+        np.testing.assert_allclose(truth[number], xy[0], rtol=0, atol=1e-9)
+        assert length[number] == steps[0]
+
+
+def test_every_forecast_has_random_numbers_of_its_own():
+    """Which depend on its track and its time only: not on other tracks, and not on how many forecasts there are."""
+    tracks = recording(6)
+    found, paths = windows(tracks, OFTEN), joined(tracks, OFTEN)
+    keys = stream_keys(found.track_id, 3, 0, *NAMES, later_s=found.later_s)
+    assert len(np.unique(keys)) == keys.size
+    half = np.isin(tracks.track_id, np.unique(tracks.track_id)[::2])
+    mine = np.isin(found.track_id, np.unique(tracks.track_id[half]))
+    np.testing.assert_array_equal(joined(tracks.take(half), OFTEN), paths[mine])
+    rarer = windows(tracks, replace(OFTEN, forecast_every_s=10))
+    same = [int(np.flatnonzero(found.row == row)[0]) for row in rarer.row if row in found.row]
+    assert len(same) > len(rarer.tracks)
+    shared = np.isin(rarer.row, found.row)
+    np.testing.assert_array_equal(joined(tracks, replace(OFTEN, forecast_every_s=10))[shared], paths[same])
+
+
+def test_neighbours_are_those_at_each_t0():
+    tracks, others = recording(7), recording(8, tracks=30)
+    seen = []
+
+    def look(observed, steps, keys):
+        seen.append(observed.neighbours)
+        return scattered(observed, steps, keys)
+
+    list(forecast_recording(tracks, look, OFTEN, NAMES, 1, [0], [others]))
+    expected = find_neighbours(together([tracks, others]), windows(tracks, OFTEN).row, 4, 1.0)
+    np.testing.assert_array_equal(np.concatenate(seen), expected.xy)
+    assert np.isfinite(expected.xy).any()
+
+
+# --- files --------------------------------------------------------------------------------------------------
+
+
+def test_files_say_t0_where_a_track_is_forecast_several_times(tmp_path):
+    tracks = recording(9)
+    t0 = windows(tracks, OFTEN).t0
+    write_forecasts(tmp_path / "often.parquet", forecasts(tracks, OFTEN), t0)
+    write_forecasts(tmp_path / "once.parquet", forecasts(tracks, ONCE))
+    np.testing.assert_array_equal(read_t0(tmp_path / "often.parquet"), t0)
+    assert read_t0(tmp_path / "once.parquet") is None
+    again = [(seed, ids.tolist()) for seed, ids, _ in read_forecasts(tmp_path / "often.parquet")]
+    assert again == [(seed, windows(tracks, OFTEN).track_id.tolist()) for seed in (0, 1)]
+    members = [read_forecasts(tmp_path / "often.parquet") for _ in range(2)]
+    _, ids, mean = next(average_forecasts(members))
+    assert len(ids) == len(mean.xy) == len(t0)
+
+
+def test_forecasts_of_other_tracks_are_refused():
+    tracks = recording(10)
+    with pytest.raises(ValueError, match="day: the forecasts are of fewer tracks"):
+        list(in_order([(0, np.array([], int), None)], windows(tracks, OFTEN), "day"))
+    with pytest.raises(ValueError, match="other tracks"):
+        list(in_order(forecasts(tracks, OFTEN), windows(tracks, ONCE)))
+    with pytest.raises(ValueError, match=r"fewer tracks|other tracks"):
+        list(in_order(forecasts(tracks, ONCE), windows(tracks, OFTEN)))
+
+
+# --- scores and statistics ----------------------------------------------------------------------------------
+
+
+def test_n_counts_forecasts_and_clusters_count_persons(tmp_path):
+    tracks = recording(11, tracks=12)
+    found, errors = windows(tracks, OFTEN), {}
+    for shift, method in ((0, "good"), (1, "bad")):
+
+        def moved(observed, steps, keys, shift=shift):
+            one = scattered(observed, steps, keys)
+            return one._replace(xy=one.xy + np.float32(shift))
+
+        table = score_recording(tracks, forecasts(tracks, OFTEN, forecaster=moved), "day/half", OFTEN)
+        write_parquet(table, tmp_path / f"{method}.parquet")
+        errors[method] = at_horizons(tmp_path / f"{method}.parquet", [1.0, 5.0], 1.0)
+    one = errors["good"]["ranked", "complete"]
+    _, length = truth_of(tracks, found, OFTEN)
+    assert len(one.keys) == len(set(one.keys)) == len(found.t0)
+    assert set(persons(one.keys)) == {f"day/half/{track}" for track in set(found.track_id.tolist())}
+    assert sorted(clusters(one.keys, {"day/half": "2030-01-01"})) == sorted(
+        f"day/half/{track}" for track in found.track_id
+    )
+    tests = compare("hall", errors, [("good", "bad")], [1.0, 5.0], {"day/half": "2030-01-01"})
+    for horizon, steps in ((1.0, 1), (5.0, 5)):
+        of = tests[(tests["horizon_s"] == horizon) & (tests["protocol"] == "complete")]
+        assert set(of["n"]) == {(length >= steps).sum()}
+        assert set(of["clusters"]) == {len(set(found.track_id[length >= steps].tolist()))}
+    days = {f"d{n}": f"2030-01-0{n}" for n in range(1, 6)}
+    assert clusters(["d1/4@1.5", "d2/7"], days).tolist() == ["2030-01-01", "2030-01-02"]
+
+
+def test_all_forecasts_of_an_idle_track_are_idle():
+    """The filter looks at the whole track, so the same people are left out with and without the option."""
+    still = straight(2, (0, 5), (0.01, 0), 30)
+    tracks = concatenate([straight(1, (0, 0), (1, 0), 30), still])
+    site = replace(OFTEN, paper_protocol=PaperProtocol(idle_filter=IdleFilter()))
+    table = score_recording(tracks, forecasts(tracks, site), "day", site).to_pandas()
+    paper = table[table["protocol"] == "paper"]
+    assert (paper["why_not"] == "idle").tolist() == (paper["track_id"] == 2).tolist()
+    assert lengths_counted([tracks], site, "paper").tolist() == [26]  # of tracks, from their first t0
+
+
+def test_all_other_scores_count_forecasts(tmp_path):
+    tracks = recording(12)
+    found = windows(tracks, OFTEN)
+    _, length = truth_of(tracks, found, OFTEN)
+    met, truth_met, steps = encounters(tracks, forecasts(tracks, OFTEN), tracks, OFTEN)
+    assert met.shape == (2, len(found.t0), 8)
+    np.testing.assert_array_equal(steps, length)
+    assert truth_met.shape == (len(found.t0), 8)
+    table = readings([(tracks, forecasts(tracks, OFTEN))], OFTEN)
+    assert set(table.loc[table["idle"] == "kept", "eligible"]) == {(length >= 8).sum()}
+    measured = score_samples(tracks, forecasts(tracks, OFTEN), "day", OFTEN, 3, [2.0, 8.0])
+    write_parquet(measured, tmp_path / "u.parquet", horizons_s=[2.0, 8.0])
+    _, by_track, person = read_uncertainty(tmp_path / "u.parquet")
+    assert np.isfinite(by_track["real_m"]).sum(axis=0).tolist() == [(length >= 2).sum(), (length >= 8).sum()]
+    assert np.bincount(person).tolist() == np.bincount(found.of).tolist()
+
+
+def test_bins_are_as_sure_as_their_persons_are_many():
+    """Ten times the same person is one; without several of a person it is the SD by root n."""
+    rng = np.random.default_rng(0)
+    expected, real = rng.uniform(1, 2, 400), rng.normal(5, 1, 400)
+    alone = calibration(expected, real)
+    members = np.argsort(expected, kind="stable")[:40]
+    assert alone["standard_error"].iloc[0] == pytest.approx(real[members].std(ddof=1) / np.sqrt(40))
+    repeated = calibration(np.repeat(expected, 10), np.repeat(real, 10), np.repeat(np.arange(400), 10))
+    np.testing.assert_allclose(repeated["standard_error"], alone["standard_error"])
+    assert repeated["n"].tolist() == [400] * 10
+
+
+def test_who_stands_about_is_asked_over_five_seconds():
+    """Of rows 0.4 s apart as well, in which nobody walks a metre in five rows; on the paper's 1 s it is five rows."""
+    eth = replace(ONCE, time_step_s=0.4)
+    walker, waiter = straight(1, (0, 0), (0.4, 0), 40, step_s=0.4), straight(2, (0, 0), (0.1, 0), 40, step_s=0.4)
+    both = concatenate([walker, waiter])
+    assert stands_about(both, usable_tracks(both, 4), eth).tolist() == [False, True]
+    tracks = recording(13)
+    rows = usable_tracks(tracks, 4)
+    np.testing.assert_array_equal(stands_about(tracks, rows, ONCE), is_idle(tracks, rows, 5, 1.0))
