@@ -2,6 +2,7 @@
 
 import html.parser
 import shutil
+import sqlite3
 import sys
 from pathlib import Path
 
@@ -117,6 +118,21 @@ def test_a_draft_of_a_small_file_is_one_that_loads(tmp_path, name):
     keys, _ = draft_of(path, tmp_path)
     step = {"16-slow-recorder/data.csv": 10, "16-slow-recorder/six.csv": 6}.get(name)
     assert keys.get("time_step_s") == step
+
+
+def test_a_simulator_s_database(tmp_path):
+    person, t, x, y = people(number=30).T[:4]
+    with sqlite3.connect(tmp_path / "run.sqlite") as file:
+        file.execute("CREATE TABLE trajectory_data (frame INTEGER, id INTEGER, pos_x REAL, pos_y REAL)")
+        file.execute("CREATE TABLE metadata (key TEXT, value TEXT)")
+        file.execute("INSERT INTO metadata VALUES ('fps', '10')")
+        rows = zip((10 * t).astype(int).tolist(), person.astype(int).tolist(), x.tolist(), y.tolist(), strict=True)
+        file.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?)", rows)
+    file.close()
+    keys, dataset = draft_of(tmp_path / "run.sqlite", tmp_path)
+    assert keys["reader"] == "jupedsim"
+    assert keys["clock"] == "unknown"
+    assert sum(len(clean_recording(one.path, dataset, one)[0].t) for one in dataset.recordings) == len(t)
 
 
 @pytest.mark.parametrize(("site", "reader"), [("hall", "delimited"), ("forum", "edinburgh")])

@@ -103,6 +103,14 @@ def test_a_wrong_declaration_is_named_with_the_option(tmp_path, written, declare
         assert [remedy in one.remedy for one in findings(path, described) if one.check == name] == [True]
 
 
+def test_the_public_eth_file_that_runs_too_fast_is_named(tmp_path):
+    path = write(tmp_path / "biwi_eth.csv", rate=15, moving=False)
+    (found,) = findings(path, form(PLACES, **FRAMES, frame_rate=25))
+    assert found.severity == "warn"
+    assert "biwi_eth.txt" in found.remedy
+    assert "1.67 times" in found.remedy
+
+
 def test_all_of_a_unit_wrong_at_once_is_told_once_for_each(tmp_path):
     """Cm and cm/s as m and m/s, degrees as radians: nearly every row is faster than anybody, and is dropped."""
     path = write(tmp_path / "a.csv", length="cm", speed="cm/s", angle="deg")
