@@ -109,6 +109,12 @@ def method_exits(wildcards):
     return PLAN.exits_of(wildcards.dataset, wildcards.method)
 
 
+def files_of_recording(wildcards):
+    """The file of a recording, or those of its people."""
+    recording = DATASETS[wildcards.dataset].recording(wildcards.recording)
+    return list(recording.people) or recording.stored
+
+
 def shown_in(exhibit, wildcards):
     """The datasets that an exhibit shows."""
     return exhibit.shown(PLAN, wildcards.label if exhibit.per_dataset else None)

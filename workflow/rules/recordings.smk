@@ -88,12 +88,6 @@ rule fetch_recording:
         "../scripts/fetch_recording.py"
 
 
-def files_of_recording(wildcards):
-    """The file of a recording, or those of its people."""
-    recording = DATASETS[wildcards.dataset].recording(wildcards.recording)
-    return list(recording.people) or recording.stored
-
-
 rule clean_recording:
     """Read a recording, drop bad rows and tracks, counted by reason, and resample it to the time step."""
     input:
