@@ -42,7 +42,7 @@ MINE = {
 }
 SHIPPED = [
     *("atc", "atc_1day", "demo_forum", "demo_hall", "edinburgh", "edinburgh_25days"),
-    *("hotel", "magni_a", "thor1"),
+    *("eth", "eth_fast", "eth_obsmat", "hotel", "juelich", "magni", "magni_a", "thor1", "trajnetpp"),
 ]
 
 
