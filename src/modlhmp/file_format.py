@@ -83,7 +83,7 @@ class FileFormat:
     gaps: Literal["split", "drop"] = option(
         "split", "tracks with a gap: cut there, the pieces being different people, or dropped, as the paper does"
     )
-    same_person: bool = option(False, "whether the pieces of a track that was split count as one person in tests")
+    same_person: bool = option(False, "whether the pieces of a track that was split go to one side of a split by person")
     max_gap_s: Positive | None = option(
         None, "longest time between two rows of a track [s]; null: 5, or two time steps if these are more"
     )
