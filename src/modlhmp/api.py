@@ -88,6 +88,8 @@ def read_tracks(
     described = check(FileFormat, {"header": by_name, **form}, "read_tracks")
     if described.reader == "delimited" and described.columns is None:
         raise DataError(f'read_tracks: {path}: say which `columns` hold what, such as columns={{"track_id": 0, ...}}')
+    if described.file_is == "person":
+        raise DataError(f"read_tracks: {path}: file_is: many files of one person each are described by a dataset file")
     check_format(described, "read_tracks")
     check_rules(described.cleaning, "read_tracks")
     return clean_recording(path, described, Recording(day=day or "", start=start))[0]

@@ -120,6 +120,8 @@ def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Ac
 
 def _remedy(form, usual, account):
     """What may help where no track is left."""
+    if account.dropped_tracks["other_split"]:
+        return "nobody is left for this side of `split`: divide the file differently"
     if usual > form.gap_s:
         return (
             f"rows of a track are usually {usual:g} s apart, more than the longest gap of {form.gap_s:g} s: set "

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
 
 from modlhmp.settings import Positive, WholeFrom0, WholeFrom1, option
@@ -83,7 +84,9 @@ class FileFormat:
     gaps: Literal["split", "drop"] = option(
         "split", "tracks with a gap: cut there, the pieces being different people, or dropped, as the paper does"
     )
-    same_person: bool = option(False, "whether the pieces of a track that was split go to one side of a split by person")
+    same_person: bool = option(
+        False, "whether the pieces of a track that was split go to one side of a split by person"
+    )
     max_gap_s: Positive | None = option(
         None, "longest time between two rows of a track [s]; null: 5, or two time steps if these are more"
     )
@@ -161,6 +164,10 @@ def check_format(form: FileFormat, source: object) -> None:
         )
     if form.homography is not None and len(form.homography) != 3:
         raise DataError(f"{source}: homography: give three rows of three numbers")
+    if form.homography is not None and abs(float(np.linalg.det(np.array(form.homography)))) < 1e-12:
+        raise DataError(
+            f"{source}: homography: its rows depend on each other, so it takes a place to a line; correct it"
+        )
     if form.homography is not None and form.units.length != "m":
         raise DataError(f"{source}: homography takes positions to metres: leave out units.length")
     for column in form.missing:

@@ -449,3 +449,13 @@ print((dict(os.environ), pa.default_memory_pool().backend_name, np.geterr(), lis
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "True\n"
+
+
+def test_files_of_one_person_each_need_a_dataset_file(write):
+    refused("described by a dataset file", modlhmp.read_tracks, write(CSV), columns={"t": 0, "x": 1, "y": 2},
+            file_is="person")  # fmt: skip
+
+
+def test_a_homography_that_takes_places_to_a_line_is_refused(write):
+    flat = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
+    refused("homography: its rows depend on each other", modlhmp.read_tracks, write(CSV), **NAMED, homography=flat)

@@ -495,8 +495,8 @@ def test_rows_of_others_and_what_was_not_measured_are_left_out(write):
 
 
 def test_nobody_s_rows(write):
-    tracks, account = stranger(write, "id,t,x,y\n,0,1,1\nNaN,0,1,1\n-1,0,1,1\na,0,1,1\n")
-    assert tracks.track_id.tolist() == [id_of("a")]
+    tracks, account = stranger(write, "id,t,x,y\n,0,1,1\nNaN,0,1,1\n-1,0,1,1\na,0,1,1\n-5,0,1,1\n")
+    assert tracks.track_id.tolist() == [-5, id_of("a")]
     assert dict(account.dropped_rows) == {"no_track_id": 2, "no_person": 1}
     assert account.first_seen["no_track_id"] == "row 2: track id is empty"
 
@@ -588,3 +588,18 @@ def test_comments_and_aligned_columns(write):
     )
     assert tracks.x.tolist() == [0.5, 1.5]
     assert dict(account.dropped_rows) == {"comment_line": 1}
+
+
+@pytest.mark.parametrize("ends", ["\r", "\n\r", "\r\n\r", "\r\n", "\n"])
+@pytest.mark.parametrize("block", [7, 30, 1 << 20])
+def test_lines_end_in_any_way_and_in_several(write, monkeypatch, ends, block):
+    """Files are put together from others: what ended in CR alone after a line end of another kind was lost."""
+    monkeypatch.setattr(columns, "line_blocks", lambda path: line_blocks(path, block))
+    kinds = ["\r\n" if ends.startswith("\r\n") else ends[0], ends[-1] if ends != "\r\n" else ends]
+    rows = ["id,t,x,y", *(f"a,{n},{n},0" for n in range(12))]
+    content = "".join(row + kinds[n > 6] for n, row in enumerate(rows))
+    path = write("")
+    path.write_bytes(content.encode())
+    tracks, account = delimited.read_delimited(path, {"columns": BY_NAME, "header": True, "ids": "text"})
+    assert tracks.t.tolist() == list(range(12))
+    assert account.rows_read == 12

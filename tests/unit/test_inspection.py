@@ -271,3 +271,28 @@ def test_the_page_shows_text_as_text():
 
 def test_nobody_is_drawn_as_nothing():
     assert text_map(empty_tracks()) == ""
+
+
+@pytest.mark.parametrize(
+    "time", ["03/02/2026 08:00:{n:02d}", "02.03.2026 08:00:{n:02d}", "08:00:{n:02d}.200", "8:00 AM CET {n}"]
+)
+def test_times_that_are_none_of_ours_are_shown(tmp_path, time):
+    path = tmp_path / "a.csv"
+    rows = [f"p{p},{time.format(n=n)},{1.2 * n},{p}" for n in range(20) for p in range(5)]
+    path.write_text("id,time,x,y\n" + "\n".join(rows) + "\n")
+    with pytest.raises(DataError, match=r"2026-03-02T09:00:00|no choice of id, time, x and y"):
+        inspect_file(path)
+
+
+def test_a_side_of_a_split_with_nobody_is_what_stops_a_run(tmp_path):
+    rows = [f"{p},{n},{1.2 * n},{p}" for p in range(6) for n in range(30)]
+    (tmp_path / "a.csv").write_text("id,t,x,y\n" + "\n".join(rows) + "\n")
+    (tmp_path / "d.yaml").write_text(
+        "title: T\nreader: delimited\nheader: true\ncolumns: {track_id: id, t: t, x: x, y: y}\ntimezone: UTC\n"
+        "clock: unknown\nrecordings:\n  - {files: a.csv, split: {by: time, test: 0.25}}\nhorizon_s: 10\n"
+        "velocity: differences\ncitation: c\nterms: t\n"
+    )
+    found = inspect_dataset(tmp_path / "d.yaml", tmp_path)
+    assert found.stops
+    assert "Nothing looks wrong" not in found.summary()
+    assert "nobody is left for this side of `split`" in found.summary()

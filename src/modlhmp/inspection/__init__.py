@@ -37,15 +37,17 @@ class Inspection:
     accept: tuple[str, ...] = ()
     strict: bool = False
     notes: list[str] = field(default_factory=list)
+    faults: list[tuple[str, str]] = field(default_factory=list)  # why nothing is left of a recording
 
     @property
     def stops(self) -> bool:
         """Whether a run would stop."""
-        return any(one.check not in self.accept and (one.severity == "stop" or self.strict) for _, one in self.findings)
+        found = [one for _, one in self.findings if one.check not in self.accept]
+        return bool(self.faults) or any(one.severity == "stop" or self.strict for one in found)
 
     def told(self) -> list[tuple[str, str, str]]:
-        """The findings as (severity, of what, text)."""
-        return [
+        """The faults and findings as (severity, of what, text)."""
+        return [("stop", of, text) for of, text in self.faults] + [
             ("warn" if one.check in self.accept else one.severity, of,
              f"{one}" if one.check not in self.accept else f"{one.check} (accepted): {one.text}")
             for of, one in self.findings
@@ -59,7 +61,7 @@ class Inspection:
             parts += ["", heading, *(f"  {name.ljust(wide)}  {text}" for name, text in rows)]
         words = {"stop": "LOOKS WRONG", "warn": "WARNING"}
         parts += ["", *(f"{words[severity]}: {of}: {text}" for severity, of, text in self.told())]
-        return "\n".join([*parts, *([] if self.findings else ["Nothing looks wrong."]), *self.notes])
+        return "\n".join([*parts, *([] if self.told() else ["Nothing looks wrong."]), *self.notes])
 
     def write(self, folder: str | Path, name: str) -> list[Path]:
         """Write the picture and the page into a folder; the picture is left out without matplotlib."""
@@ -103,8 +105,9 @@ def inspect_file(path: str | Path, data_root: str | Path | None = None) -> Inspe
 def inspect_dataset(path: str | Path, data_root: str | Path) -> Inspection:
     """Look at every recording of a dataset file, and at its splits; `DataError` where the file is wrong itself."""
     dataset = load_dataset(path, data_root)
-    if missing := [one.path for one in dataset.recordings if not one.exists]:
-        raise DataError(f"{missing[0]}: no such file; put the recording there, or name its folder by --data-root")
+    plans = [file for file in dataset.floor_plan if not Path(file).exists()]
+    if missing := [one.path for one in dataset.recordings if not one.exists] + plans:
+        raise DataError(f"{missing[0]}: no such file; put it there, or name its folder by --data-root")
     tables: list[Table] = []
     findings: list[tuple[str, Finding]] = []
     some: list[Tracks] = []
@@ -120,7 +123,10 @@ def inspect_dataset(path: str | Path, data_root: str | Path) -> Inspection:
     findings += [(dataset.name, one) for one in check_splits((one.recording, one.clean) for one in looked)]
     tables.insert(0, ("The dataset", _of_dataset(dataset, looked)))
     shown = together(some)
-    return Inspection(f"{dataset.title} ({path})", tables, findings, shown, "", dataset.accept, dataset.strict)
+    faults = [(one.recording.name, one.fault) for one in looked if one.fault]
+    return Inspection(
+        f"{dataset.title} ({path})", tables, findings, shown, "", dataset.accept, dataset.strict, faults=faults
+    )
 
 
 def _of_dataset(dataset: Dataset, looked: list[Facts]) -> list[tuple[str, str]]:

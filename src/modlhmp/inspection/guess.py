@@ -68,7 +68,7 @@ def guess(path: str | Path) -> Guess:
             f"(rows such as {shown!r}): are ids in a column of their own? Say `columns` in a dataset file"
         )
     found = Guess(_layout(sheet))
-    _times_and_lengths(found, sheet, values, columns)
+    _times_and_lengths(Path(path), found, sheet, values, columns)
     _velocities(found, sheet, values, columns)
     if columns.by_values:
         found.asks["columns"] = "guessed from the values, as the file does not name them"
@@ -123,11 +123,16 @@ def _column(sheet: Sheet, position: int) -> int | str:
     return name if name and sheet.names.count(name) == 1 else position
 
 
-def _times_and_lengths(found: Guess, sheet: Sheet, values: Values, columns: Columns) -> None:
+def _times_and_lengths(path: Path, found: Guess, sheet: Sheet, values: Values, columns: Columns) -> None:
     """Columns of places and times, and their units."""
     places = ("track_id", "t", "x", "y")
     found.keys["columns"] = {role: _column(sheet, getattr(columns, role)) for role in places}
     clock = values.numbers[:, columns.t]
+    if columns.t not in values.iso and not np.isfinite(clock).any():
+        raise DataError(
+            f"{path}: times such as {sheet.rows[0][columns.t]!r} are neither numbers nor ISO 8601 "
+            "(2026-03-02T09:00:00.5, with or without +01:00): rewrite that column"
+        )
     told = " ".join(sheet.comments) + " " + " ".join(sheet.names)
     length = columns.units.get("x") or next((a or b for a, b in _IN_CM.findall(told)), None)
     length = length.lower() if length else None

@@ -25,6 +25,7 @@ from modlhmp.tracks import Tracks, concatenate
 
 MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fault, not a walking person
 MAX_SPEED_MPS = 15.0
+NOBODYS = -1  # the id that trackers write where they follow nobody; others below 0 are somebody's
 MAX_HEADING_RAD = 100.0
 WHOLE_TURN_RAD = 8.0  # beyond it lies no angle from -pi to pi, or 0 to 2 pi, whatever it is measured from
 SPEED_MPS = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "km/h": 1 / 3.6}
@@ -148,7 +149,7 @@ def _drop_bad_rows(path, rows, numbers, has_velocity, day, layout, account):
         tests = {
             "infinite_value": np.logical_or.reduce([np.isinf(column) for column in measured]),
             "nan_value": np.logical_or.reduce([np.isnan(column) for column in measured]),
-            "no_person": rows.track_id < 0,
+            "no_person": rows.track_id == NOBODYS if layout.get("ids") == "text" else rows.track_id < 0,
             "absurd_value": (distance > MAX_DISTANCE_M) | (speed < 0) | (speed > MAX_SPEED_MPS)
             | (turned > MAX_HEADING_RAD),
             "outside_day": (rows.t < first) | (rows.t >= last),

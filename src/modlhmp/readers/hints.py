@@ -34,6 +34,9 @@ def hint(block: bytes, layout: Mapping[str, Any]) -> str:
             number = next(n for n, line in enumerate(before) if line.strip() == lines[begins])
             return f"has {number} lines before its table: set `skip_lines: {number}`"
     fields = [field.strip(' "') for line in lines[1:4] for field in line.split(separator)]
+    iso = layout.get("units", {}).get("time") == "iso"
+    if iso and not any(_ISO.match(field) for field in fields):
+        return "has no times such as 2026-03-02T09:00:00 (ISO 8601: year-month-day, then the time): rewrite that column"
     if any(_ISO.match(field) for field in fields) and layout.get("units", {}).get("time") != "iso":
         return "has times such as 2026-03-02T09:00: set `units: {time: iso}`"
     if separator != "," and layout.get("decimal", ".") != "," and any(map(_DECIMAL_COMMA.fullmatch, fields)):

@@ -4,6 +4,7 @@ import bz2
 import codecs
 import contextlib
 import gzip
+import re
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -100,13 +101,13 @@ def line_blocks(path: str | Path | People, size: int = BLOCK_BYTES) -> Iterator[
     if isinstance(path, People):
         yield from _gathered(path.lines(), size)
         return
-    rest, seen, old = b"", False, False
+    rest, seen = b"", False
     with open_raw(path) as file:
         while chunk := file.read(size):
-            if not seen:  # old Macintosh files end their lines with a carriage return alone
-                old = b"\r" in chunk and b"\n" not in chunk
             seen = True
-            text = chunk.replace(b"\r", b"\n") if old else chunk
+            text = chunk + file.read(1) if chunk.endswith(b"\r") else chunk
+            if b"\r" in text and text.count(b"\r") > text.count(b"\r\n"):  # old Macintosh lines, or some of them
+                text = re.sub(rb"\r(?!\n)", b"\n", text)
             cut = text.rfind(b"\n") + 1
             if cut:
                 yield rest + text[:cut]
