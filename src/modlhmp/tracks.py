@@ -69,13 +69,20 @@ def concatenate(tables: Iterable[Tracks]) -> Tracks:
 
 
 def together(tables: Iterable[Tracks]) -> Tracks:
-    """One table of several recordings, in their order; ids may repeat between them, so each gets a range of its own."""
-    shift, distinct = 0, []
-    for table in tables:
-        if len(table.t):
-            number = np.cumsum(np.isin(np.arange(len(table.t)), table.bounds()[1:-1]))
-            distinct.append(table._replace(track_id=number + shift))
-            shift = int(distinct[-1].track_id[-1]) + 1
+    """One table of several recordings, in their order; ids may repeat between them, so each gets a range of its own.
+
+    Ids of text are numbers so large (`modlhmp.ids`) that ranges would not fit: their tracks are numbered below 0.
+    """
+    shift, below, distinct = 0, 0, []
+    for table in filter(lambda one: len(one.t), tables):
+        lowest, highest = int(table.track_id.min()), int(table.track_id.max())
+        if shift + highest - lowest < 2**62:
+            distinct.append(table._replace(track_id=table.track_id - lowest + shift))
+            shift += highest - lowest + 1
+        else:
+            tracks = np.diff(table.bounds())
+            below += len(tracks)
+            distinct.append(table._replace(track_id=np.repeat(np.arange(len(tracks)) - below, tracks)))
     return concatenate(distinct)
 
 

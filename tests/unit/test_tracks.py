@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from modlhmp.ids import id_of
 from modlhmp.storage import DataError, read_metadata, write_parquet
 from modlhmp.tracks import (
     COLUMNS,
@@ -19,6 +20,7 @@ from modlhmp.tracks import (
     concatenate,
     empty_tracks,
     read_tracks,
+    together,
     write_tracks,
 )
 
@@ -164,3 +166,20 @@ def test_missing_or_damaged_parquet_says_what_to_do(tmp_path, content):
     said = "no such file.* run the workflow" if content is None else "cannot be read as Parquet.* make it"
     with pytest.raises(DataError, match=rf"day\.parquet: {said} again"):
         read_tracks(path)
+
+
+def test_ids_of_several_recordings_are_kept_apart_however_large():
+    """Plain ids keep their distances; those of texts are near 2^63, where sums would run over."""
+    t = np.arange(3.0)
+
+    def people(*ids):
+        unknown = np.full(3 * len(ids), np.nan)
+        columns = (np.tile(t, len(ids)), unknown, unknown, unknown, unknown)
+        return Tracks(np.repeat(np.array(sorted(ids), np.int64), 3), *columns)
+
+    plain = together([people(10, 12), people(10, 11)])
+    assert plain.track_id[::3].tolist() == [0, 2, 3, 4]
+    large = [id_of(text) for text in ("a", "b", "c")]
+    mixed = together([people(1, 2), people(*large), people(*large, 7), people(5)])
+    assert len(set(mixed.track_id.tolist())) == 2 + 3 + 4 + 1
+    assert len(mixed.bounds()) - 1 == 10

@@ -176,6 +176,7 @@ def test_results_have_the_promised_columns_and_hold_together(tiny_run):
         "cvm",
         "cvm_clean",
         "episodes",
+        "episodes_medoid",
         "snippets",
         "hybrid",
     }

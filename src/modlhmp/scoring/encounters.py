@@ -33,7 +33,7 @@ def encounters(
     """
     wanted = windows(tracks, site)
     truth, length = truth_of(tracks, wanted, site)
-    t0, own = wanted.t0, wanted.track_id - (tracks.track_id.min() if len(tracks.t) else 0)
+    t0, own = wanted.t0, everyone.track_id[wanted.row]
     order = np.argsort(everyone.t, kind="stable")
     others = (everyone.t[order], order, *everyone[:4], site.time_step_s)
     known = np.arange(1, site.steps + 1) <= length[:, None]
