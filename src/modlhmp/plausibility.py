@@ -27,7 +27,8 @@ STOP_MPS, WARN_MPS = (0.3, 3.0), (0.8, 1.8)  # median speeds outside are refused
 STOP_RATIO, WARN_RATIO = (0.5, 2.0), (0.7, 1.4)  # of recorded speeds to displacements
 STOP_COSINE, WARN_COSINE = 0.4, 0.7  # mean, of recorded headings to displacements
 SIDES_M = (1.0, 2000.0)
-ABSURD, UNREADABLE, REPEATED, JUMPS, APART = 0.05, 0.2, 0.1, 0.01, 1.5
+ABSURD, UNREADABLE, REPEATED, OUTSIDE, JUMPS, APART = 0.05, 0.2, 0.1, 0.1, 0.01, 1.5
+FLAT_M = 0.05  # people who walk spread further in either direction
 
 Severity = Literal["stop", "warn"]
 Told = tuple[Severity, str, str] | None  # severity, what looks wrong, what would answer it
@@ -178,8 +179,23 @@ def time_step(seen: Evidence) -> Told:
     return "warn", told, f"set `time_step_s: {step:.3g}`"
 
 
+def outside_day(seen: Evidence) -> Told:
+    """Rows before or after the recording's day."""
+    read, outside = seen.account.rows_read, seen.account.dropped_rows["outside_day"]
+    if read < LEAST_ROWS or outside <= OUTSIDE * read:
+        return None
+    told = f"{outside / read:.0%} of the rows are before or after the recording's day, and are dropped"
+    return "warn", told, "set `days: 2` if it goes on after midnight, or correct `day`, `start` or `timezone`"
+
+
 def extent(seen: Evidence) -> Told:
-    """How large the place is."""
+    """How large the place is, and whether it has two dimensions."""
+    if seen.enough(seen.walk):
+        spread = {name: np.ptp(part) for name, part in (("x", seen.rows.x), ("y", seen.rows.y))}
+        flat = min(spread, key=lambda name: spread[name])
+        if spread[flat] < FLAT_M < SIDES_M[0] < max(spread.values()):
+            told = f"all {flat} are within {spread[flat]:.2g} m: is that the height of something?"
+            return "warn", told, "correct `columns`"
     if not seen.enough(seen.walk) or SIDES_M[0] <= (side := extent_of(seen.rows)) <= SIDES_M[1]:
         return None
     return "warn", f"98 % of all rows are within {side:.3g} m", "correct `units: {length: ...}`, `scale` or `origin_m`"
@@ -224,8 +240,11 @@ CHECKS = (
           "`units: {angle, heading}`, `columns`", recorded_heading),
     Check("time_step", "the usual time between two rows by the time step", "warns above 1.5", "`time_step_s`",
           time_step),
-    Check("extent", "size of the place, without the outermost 1 % of rows on each side",
-          "warns outside 1 m to 2 km", "`units: {length}`, `scale`, `origin_m`", extent),
+    Check("outside_day", "rows before or after the recording's day, which are dropped", "warns above 10 %",
+          "`days`, `day`, `start`, `timezone`", outside_day),
+    Check("extent", "size of the place, without the outermost 1 % of rows on each side; and of both axes",
+          "warns outside 1 m to 2 km, and where an axis is flat", "`units: {length}`, `scale`, `origin_m`, `columns`",
+          extent),
     Check("jumps", "displacements faster than `max_jump_mps` (15 m/s)", "warns above 1 %",
           "`columns: {track_id}`, `max_jump_mps`", jumps),
     Check("repeated_rows", "rows with the id and time of another one, which are dropped", "warns above 10 %",

@@ -10,7 +10,7 @@ from planted import MOVING, PLACES, people, write
 import modlhmp
 from modlhmp.account import Account
 from modlhmp.cleaning import clean_recording
-from modlhmp.file_format import CheckName, FileFormat, Recording
+from modlhmp.file_format import CheckName, Columns, FileFormat, Recording
 from modlhmp.plausibility import CHECKS, check_recording
 from modlhmp.readers import read_recording
 from modlhmp.settings import check
@@ -214,3 +214,25 @@ def test_every_check_is_described_once():
 
 def test_an_account_without_rows_has_nothing_to_check():
     assert check_recording(modlhmp.Tracks(*(np.empty(0) for _ in range(6))), Account(), form()) == []
+
+
+def test_a_flat_axis_is_asked_about(tmp_path):
+    """The height of a three-dimensional export instead of its second direction."""
+    rows = [(p, n, 1.2 * n + p, 0.0 if n % 2 else 0.01) for p in range(8) for n in range(20)]
+    path = tmp_path / "flat.csv"
+    path.write_text("id,t,x,y\n" + "".join(f"{p},{t},{x},{y}\n" for p, t, x, y in rows))
+    form = FileFormat(columns=Columns(track_id="id", t="t", x="x", y="y"), header=True)
+    found = {one.check: one for one in check_recording(*read_recording(path, form), form)}
+    assert "all y are within 0.01 m" in found["extent"].text
+    assert found["extent"].severity == "warn"
+
+
+@pytest.mark.parametrize(("days", "told"), [(1, True), (2, False)])
+def test_a_night_without_its_second_day_is_asked_about(tmp_path, days, told):
+    rows = [(p, 600 * p + n, 1.2 * n, float(p % 5)) for p in range(18) for n in range(20)]  # three hours
+    path = tmp_path / "night.csv"
+    path.write_text("id,t,x,y\n" + "".join(f"{p},{t},{x},{y}\n" for p, t, x, y in rows))
+    form = FileFormat(columns=Columns(track_id="id", t="t", x="x", y="y"), header=True)
+    found = check_recording(*read_recording(path, form, "2030-01-01", "22:30", days), form)
+    assert ("outside_day" in [one.check for one in found]) == told
+    assert not told or "`days: 2`" in next(one.remedy for one in found if one.check == "outside_day")
