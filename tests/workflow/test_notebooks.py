@@ -23,7 +23,7 @@ FACTS = {  # what each must have printed
     "05": ("A = tiny, B = other", "demo_hall: the same raw recordings", "40 differences of 1 datasets"),
     "05-itself": (
         "A = tiny, B = tiny",
-        "448 differences of 2 datasets",
+        "480 differences of 2 datasets",
         "snakemake --cores 2 --configfile",
         "all differences are 0 by construction",
     ),
