@@ -111,8 +111,9 @@ def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Ac
     ids, piece = np.empty(len(starts), np.int64), 0
     for number, (row, track) in enumerate(zip(starts, whole, strict=True)):
         piece = piece + 1 if number and track == whole[number - 1] else 1
-        owner = account.owners.text(int(tracks.track_id[row]))
-        ids[number] = account.owners.number(owner, piece) if piece > 1 else tracks.track_id[row]
+        ids[number] = tracks.track_id[row]
+        if piece > 1:
+            ids[number] = account.owners.number(account.owners.text(int(ids[number])), piece)
     account.tracks_read += len(cuts)
     pieces = tracks._replace(track_id=np.repeat(ids, np.diff([*starts, len(tracks.t)])))
     return pieces.take(np.lexsort((pieces.t, pieces.track_id)))

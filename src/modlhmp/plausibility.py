@@ -109,11 +109,22 @@ def unreadable_rows(seen: Evidence) -> Told:
 
 def repeated_rows(seen: Evidence) -> Told:
     """Rows of the same id and time, of which the first one counts."""
-    read, repeated = seen.account.rows_read, seen.account.dropped_rows["duplicate_row"]
-    if read < LEAST_ROWS or repeated <= REPEATED * read:
+    remedy = "name all columns that make an id in `columns: {track_id: [...]}`, or a finer column of time"
+    return _dropped(seen, "duplicate_row", REPEATED, "have the id and the time of another row", remedy)
+
+
+def outside_day(seen: Evidence) -> Told:
+    """Rows before or after the recording's day."""
+    remedy = "set `days: 2` if it goes on after midnight, or correct `day`, `start` or `timezone`"
+    return _dropped(seen, "outside_day", OUTSIDE, "are before or after the recording's day", remedy)
+
+
+def _dropped(seen: Evidence, reason: str, limit: float, told: str, remedy: str) -> Told:
+    """A warning of rows that the reader dropped for a reason, where they are more than a share of all."""
+    read, count = seen.account.rows_read, seen.account.dropped_rows[reason]
+    if read < LEAST_ROWS or count <= limit * read:
         return None
-    told = f"{repeated / read:.0%} of the rows have the id and the time of another row, and are dropped"
-    return "warn", told, "name all columns that make an id in `columns: {track_id: [...]}`, or a finer column of time"
+    return "warn", f"{count / read:.0%} of the rows {told}, and are dropped", remedy
 
 
 def walking_speed(seen: Evidence) -> Told:
@@ -177,15 +188,6 @@ def time_step(seen: Evidence) -> Told:
         return None
     told = f"rows of a track are usually {step:.3g} s apart, the time step is {wanted:g} s: most rows would be made up"
     return "warn", told, f"set `time_step_s: {step:.3g}`"
-
-
-def outside_day(seen: Evidence) -> Told:
-    """Rows before or after the recording's day."""
-    read, outside = seen.account.rows_read, seen.account.dropped_rows["outside_day"]
-    if read < LEAST_ROWS or outside <= OUTSIDE * read:
-        return None
-    told = f"{outside / read:.0%} of the rows are before or after the recording's day, and are dropped"
-    return "warn", told, "set `days: 2` if it goes on after midnight, or correct `day`, `start` or `timezone`"
 
 
 def extent(seen: Evidence) -> Told:

@@ -21,6 +21,17 @@ def without_repeats(rows: Tracks, account: Account) -> Tracks:
     return rows.take(~repeated)
 
 
+def positions_alone(
+    track_id: np.ndarray, t: np.ndarray, x: np.ndarray, y: np.ndarray, day: tuple[float, float] | None, account: Account
+) -> Tracks:
+    """Rows of a file without velocities, sorted and without repeats; `day` = (first, last) unix second, None: all."""
+    first, last = day or (-np.inf, np.inf)
+    outside = (t < first) | (t >= last)
+    account.drop_rows("outside_day", outside.sum())
+    unknown = np.full(len(t), np.nan)
+    return without_repeats(Tracks(track_id, t, x, y, unknown, unknown).take(~outside), account)
+
+
 def last_of_step(rows: Tracks, step_s: float, account: Account) -> Tracks:
     """Keep each person's last sample of each time step, as the 1 Hz ATC files do."""
     rows = without_repeats(rows, account)

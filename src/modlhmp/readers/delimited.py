@@ -155,7 +155,7 @@ def _drop_bad_rows(path, rows, numbers, has_velocity, day, layout, account):
             "outside_day": (rows.t < first) | (rows.t >= last),
         }  # fmt: skip
     if layout.get("ids") == "text":
-        _check_frame(path, rows, layout)
+        _check_frame(path, rows, distance, layout)
     good = np.ones(len(rows.t), bool)
     for reason, failed in tests.items():
         bad = failed & good
@@ -179,9 +179,8 @@ def _note_beyond(rows, distance, speed, turned, day, account):
     account.note_beyond("time", rows.t[np.isfinite(rows.t) & ((rows.t < day[0]) | (rows.t >= day[1]))])
 
 
-def _check_frame(path, rows, layout):
+def _check_frame(path, rows, distance, layout):
     """Whether most positions are near the origin; `DataError` that names the option which moves it."""
-    distance = np.hypot(rows.x, rows.y)
     far = distance[np.isfinite(distance)] > MAX_DISTANCE_M
     if not len(far) or far.mean() <= 0.5:
         return

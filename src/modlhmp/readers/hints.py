@@ -35,9 +35,10 @@ def hint(block: bytes, layout: Mapping[str, Any]) -> str:
             return f"has {number} lines before its table: set `skip_lines: {number}`"
     fields = [field.strip(' "') for line in lines[1:4] for field in line.split(separator)]
     iso = layout.get("units", {}).get("time") == "iso"
-    if iso and not any(_ISO.match(field) for field in fields):
+    has_iso = any(_ISO.match(field) for field in fields)
+    if iso and not has_iso:
         return "has no times such as 2026-03-02T09:00:00 (ISO 8601: year-month-day, then the time): rewrite that column"
-    if any(_ISO.match(field) for field in fields) and layout.get("units", {}).get("time") != "iso":
+    if has_iso and not iso:
         return "has times such as 2026-03-02T09:00: set `units: {time: iso}`"
     if separator != "," and layout.get("decimal", ".") != "," and any(map(_DECIMAL_COMMA.fullmatch, fields)):
         return 'has numbers such as 1,25: set `decimal: ","`'

@@ -8,7 +8,7 @@ import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.storage import DataError
-from modlhmp.time_step import without_repeats
+from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
 
 
@@ -50,9 +50,4 @@ def _tracks(path, rows, rate, origin, day):
     bad = ~np.isfinite(rows).all(axis=1)
     account.drop_rows("nan_value", bad.sum())
     ids, frame, x, y = rows[~bad].T
-    t = origin + frame / rate
-    first, last = day or (-np.inf, np.inf)
-    outside = (t < first) | (t >= last)
-    account.drop_rows("outside_day", outside.sum())
-    unknown = np.full(len(t), np.nan)
-    return without_repeats(Tracks(ids.astype(np.int64), t, x, y, unknown, unknown).take(~outside), account), account
+    return positions_alone(ids.astype(np.int64), origin + frame / rate, x, y, day, account), account

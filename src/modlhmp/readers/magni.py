@@ -14,8 +14,8 @@ import pyarrow.csv as pa_csv
 from modlhmp.account import Account
 from modlhmp.readers.raw import open_raw
 from modlhmp.storage import DataError
-from modlhmp.time_step import without_repeats
-from modlhmp.tracks import Tracks, concatenate
+from modlhmp.time_step import positions_alone
+from modlhmp.tracks import Tracks
 
 BODY = re.compile(r"(Helmet_\d+) Centroid_X")  # robots and carried objects are no people
 MM = 0.001
@@ -41,14 +41,10 @@ def read(path: str | Path, origin: float, day: tuple[float, float] | None = None
         seen = np.isfinite(seconds) & np.isfinite(x) & np.isfinite(y)
         account.rows_read += len(seconds)
         account.drop_rows("not_measured", (~seen).sum())
-        unknown = np.full(int(seen.sum()), np.nan)
         ids = np.full(int(seen.sum()), account.owners.number(body))
-        pieces.append(Tracks(ids, origin + seconds[seen], x[seen], y[seen], unknown, unknown))
-    rows = concatenate(pieces)
-    first, last = day or (-np.inf, np.inf)
-    outside = (rows.t < first) | (rows.t >= last)
-    account.drop_rows("outside_day", outside.sum())
-    rows = without_repeats(rows.take(~outside), account)
+        pieces.append((ids, origin + seconds[seen], x[seen], y[seen]))
+    ids, t, x, y = map(np.concatenate, zip(*pieces, strict=True))
+    rows = positions_alone(ids, t, x, y, day, account)
     if not len(rows.t):
         raise DataError(f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
     return rows, account

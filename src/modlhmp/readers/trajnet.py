@@ -13,7 +13,7 @@ from modlhmp.account import Account
 from modlhmp.readers.delimited import MAX_DISTANCE_M
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
-from modlhmp.time_step import without_repeats
+from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
 
 FIELDS = ("p", "f", "x", "y")
@@ -49,12 +49,7 @@ def read(
         if not len(values):
             raise DataError(f"{path}: nobody has two rows, so the step between frames is unknown; give `frame_rate`")
         frame_rate = rates.pop() * float(values[counts.argmax()])
-    t = origin + frame / frame_rate
-    first, last = day or (-np.inf, np.inf)
-    outside = (t < first) | (t >= last)
-    account.drop_rows("outside_day", outside.sum())
-    unknown = np.full(len(t), np.nan)
-    return without_repeats(Tracks(person, t, x, y, unknown, unknown).take(~outside), account), account
+    return positions_alone(person, origin + frame / frame_rate, x, y, day, account), account
 
 
 def _one_line(line, number, rows, rates, account):

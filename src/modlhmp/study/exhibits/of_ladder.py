@@ -3,10 +3,8 @@
 from typing import Any
 
 from modlhmp.datasets import Dataset
-from modlhmp.study.exhibits.record import Exhibit
+from modlhmp.study.exhibits.record import MODULES, Exhibit
 from modlhmp.study.plan import Plan
-
-MODULES = "modlhmp.study.exhibits"
 
 
 def _ladder_files(plan: Plan, datasets: list[Dataset]) -> list[str]:

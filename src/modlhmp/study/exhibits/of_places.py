@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from modlhmp.datasets import Dataset
-from modlhmp.study.exhibits.record import Exhibit
+from modlhmp.study.exhibits.record import MODULES, Exhibit
 from modlhmp.study.plan import Plan
 
-MODULES = "modlhmp.study.exhibits"
 FORECAST_MB = 1500  # memory of exhibits that read forecasts
 
 

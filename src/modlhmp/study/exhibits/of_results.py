@@ -6,11 +6,8 @@ from typing import Any
 
 from modlhmp.datasets import Dataset
 from modlhmp.kinds import find
-from modlhmp.study.exhibits.record import Exhibit
+from modlhmp.study.exhibits.record import MODULES, Exhibit
 from modlhmp.study.plan import Plan
-
-MODULES = "modlhmp.study.exhibits"
-
 
 # --- what they need ---------------------------------------------------------------------------------------------------
 

@@ -9,6 +9,8 @@ from modlhmp.datasets import Dataset
 from modlhmp.study.layout import FIGURE_FORMS, TABLE_FORMS
 from modlhmp.study.plan import Plan
 
+MODULES = "modlhmp.study.exhibits"  # where the modules that draw exhibits are
+
 Needs = Callable[[Plan, list[Dataset]], list[str]]
 Asks = Callable[[Plan, list[Dataset]], dict[str, Any]]
 
