@@ -43,3 +43,10 @@ def unwrapped(difference, turns):
 def circular_mean(angles):
     """Direction [rad] of the sum of the unit vectors of `angles` [n], in [-pi, pi]."""
     return np.arctan2(np.sin(angles).mean(), np.cos(angles).mean())
+
+
+def by_convention(angle: np.ndarray, convention: str) -> np.ndarray:
+    """Angles [rad] of a convention (`file_format.Units.heading`) from the x-axis towards y, and back again."""
+    if convention == "from_x":
+        return angle
+    return np.pi / 2 - angle if convention == "compass" else -angle

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from modlhmp.angles import by_convention, wrap_angle
 from modlhmp.file_format import Units
 from modlhmp.tracks import Tracks, usual_step
 
@@ -66,17 +67,15 @@ def recorded_agreement(rows: Tracks, around: Moves, units: Units) -> tuple[float
     heading, direction = rows.heading[around.row][known], around.direction[known]
     if not len(heading):
         return float("nan"), float("nan"), ""
-    angle = {"from_x": heading, "from_x_clockwise": -heading, "compass": np.pi / 2 - heading}[units.heading]
-    angles = {"": (angle + np.pi) % (2 * np.pi) - np.pi}
+    angles = {"": wrap_angle(by_convention(heading, units.heading))}
     if units.angle == "deg" and np.abs(angles[""]).max() < np.radians(2 * np.pi) + 0.001:
         angles = {"angle: rad": np.degrees(angles[""])}
     found = []
     for unit, of_file in angles.items():
-        meant = {"from_x": of_file, "compass": np.pi / 2 - of_file, "from_x_clockwise": -of_file}
-        for name, towards in meant.items():
+        for name, also in _ALSO.items():
             option = ", ".join(filter(None, [unit, f"heading: {name}" if name != units.heading or not unit else ""]))
-            cosine = float(np.cos(direction - towards).mean())
-            found.append((cosine, f"`units: {{{option}}}`{_ALSO[name]}"))
+            cosine = float(np.cos(direction - by_convention(of_file, name)).mean())
+            found.append((cosine, f"`units: {{{option}}}`{also}"))
             back = "headings turned round, as they point backwards (no option does that: correct the file, or leave "
             found.append((-cosine - 0.01, f"{back}the columns of speed and heading out)"))
     best = max(found)

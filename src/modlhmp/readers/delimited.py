@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from modlhmp.account import Account
-from modlhmp.angles import wrap_angle
+from modlhmp.angles import by_convention, wrap_angle
 from modlhmp.clock import unix_time
 from modlhmp.file_format import LENGTH_M
 from modlhmp.ids import NOBODY
@@ -120,8 +120,7 @@ def _to_si(values, layout):
     unknown = np.full(len(values["t"]), np.nan)
     speed, heading = values.get("speed", unknown), values.get("heading", unknown)
     heading = np.deg2rad(heading) if units["angle"] == "deg" else heading
-    if units.get("heading", "from_x") != "from_x":
-        heading = np.pi / 2 - heading if units["heading"] == "compass" else -heading
+    heading = by_convention(heading, units.get("heading", "from_x"))
     return Tracks(
         values["track_id"],
         t,
