@@ -1,0 +1,5 @@
+"""`python -m modlhmp.cli`."""
+
+from modlhmp.cli import main
+
+main()

@@ -1,0 +1,26 @@
+"""The program `modlhmp` and its version; each verb stands in a module beside this one."""
+
+from typing import Annotated
+
+import typer
+
+from modlhmp import __version__
+
+app = typer.Typer(  # without rich, whose help writes `<bool>` beside every flag
+    help="Maps of dynamics and long-term human motion prediction.", no_args_is_help=True, rich_markup_mode=None
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"modlhmp {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Show the version.", callback=_show_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Maps of dynamics and long-term human motion prediction."""
