@@ -1,9 +1,15 @@
-"""Parquet files with their provenance: written under a temporary name, then renamed, so none is ever half."""
+"""Parquet files with their provenance: written under a temporary name, then renamed, so none is ever half.
 
+Each carries a seal, the SHA-256 of its own bytes with zeros where the seal stands: a single bit that differs anywhere,
+in numbers, names or footer, is an error. Parquet's page checksums would not cover names, types and metadata.
+"""
+
+import functools
 import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -13,6 +19,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 _PROVENANCE = b"modlhmp"
+_SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64
 _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
 }  # fmt: skip
@@ -32,10 +39,13 @@ def write_pieces(tables: Iterable[pa.Table], path: str | Path, **provenance: Any
     tables = iter(tables)
     table = next(tables)
     schema = table.schema.with_metadata({**(table.schema.metadata or {}), **provenance_metadata(**provenance)})
-    with atomic_path(path) as temporary, pq.ParquetWriter(temporary, schema, **packing(schema)) as writer:
-        while table is not None:
-            writer.write_table(table.replace_schema_metadata(schema.metadata))
-            table = next(tables, None)
+    with atomic_path(path) as temporary:
+        with pq.ParquetWriter(temporary, schema, **packing(schema)) as writer:
+            while table is not None:
+                writer.write_table(table.replace_schema_metadata(schema.metadata))
+                table = next(tables, None)
+            writer.add_key_value_metadata({_SEAL: _UNSEALED})
+        _seal(temporary)
 
 
 def packing(schema: pa.Schema) -> dict[str, Any]:
@@ -66,19 +76,73 @@ def column(table: pa.Table, name: str) -> np.ndarray:
 
 def read_parquet(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
     """Read a table; a missing or damaged file is a `DataError` that says how to get it back."""
-    try:
-        return pq.ParquetFile(path).read(columns, use_threads=False)
-    except FileNotFoundError:
-        raise DataError(f"{path}: no such file; if the workflow makes it, run the workflow again") from None
-    except (OSError, pa.ArrowInvalid) as error:
-        raise DataError(f"{path}: cannot be read as Parquet ({error}); delete it and make it again") from None
+    with _damage(path):
+        return open_parquet(path).read(columns, use_threads=False)
 
 
 def read_pieces(path: str | Path, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
     """Yield a table in the pieces in which it was written."""
-    file = pq.ParquetFile(path)
+    file = open_parquet(path)
     for group in range(file.num_row_groups):
-        yield file.read_row_group(group, columns, use_threads=False)
+        with _damage(path):
+            piece = file.read_row_group(group, columns, use_threads=False)
+        yield piece
+
+
+def open_parquet(path: str | Path) -> pq.ParquetFile:
+    """Open a file whose seal is whole; one without our provenance has none."""
+    with _damage(path):
+        status = os.stat(path)
+        _check_seal(str(path), status.st_size, status.st_mtime_ns, status.st_ino)
+        return pq.ParquetFile(path)
+
+
+@contextmanager
+def _damage(path: str | Path) -> Iterator[None]:
+    """What reading a Parquet file raises, as an error of ours."""
+    try:
+        yield
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file; if the workflow makes it, run the workflow again") from None
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise DataError(f"{path}: cannot be read as Parquet ({reason}); delete it and make it again") from None
+
+
+@functools.lru_cache(maxsize=4096)
+def _check_seal(path: str, size: int, changed_ns: int, inode: int) -> None:
+    """`DataError` where a file of ours is not as it was written; a file is looked at once."""
+    keys, (digest, place) = pq.read_metadata(path).metadata or {}, _digest(path)
+    if keys.get(_SEAL, b"").decode("ascii", "replace") != digest and (place or _PROVENANCE in keys):
+        raise DataError(f"{path}: is not as it was written (its seal does not fit); delete it and make it again")
+
+
+def _seal(path: Path) -> None:
+    """Put a file's digest where its zeros stand."""
+    digest, place = _digest(path)
+    with open(path, "r+b") as file:
+        file.seek(place)
+        file.write(digest.encode())
+
+
+def _digest(path: str | Path) -> tuple[str, int]:
+    """SHA-256 of a file with zeros in place of its seal, and where that stands: 0 in a file without one."""
+    with open(path, "rb") as file:
+        end = file.seek(-8, os.SEEK_END)
+        start = max(end - int.from_bytes(file.read(4), "little"), 0)
+        file.seek(start)
+        found = file.read().rfind(_SEAL)
+        # After the name come two bytes of Thrift: that a text follows, and its length of 64.
+        place = start + found + len(_SEAL) + 2 if found >= 0 else 0
+        file.seek(0)
+        digest, at = hashlib.sha256(), 0
+        while block := file.read(1 << 18):
+            low, high = max(place - at, 0), min(place + len(_UNSEALED) - at, len(block))
+            if place and low < high:
+                block = block[:low] + _UNSEALED[: high - low] + block[high:]
+            digest.update(block)
+            at += len(block)
+    return digest.hexdigest(), place
 
 
 def provenance_metadata(**provenance: Any) -> dict[bytes, str]:
@@ -88,8 +152,10 @@ def provenance_metadata(**provenance: Any) -> dict[bytes, str]:
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
     """The provenance that a file carries (empty for a foreign file); `DataError` where it is damaged."""
+    with _damage(path):
+        described = (open_parquet(path).schema_arrow.metadata or {}).get(_PROVENANCE, b"{}")
     try:
-        found = json.loads((pq.read_schema(path).metadata or {}).get(_PROVENANCE, b"{}"))
+        found = json.loads(described)
     except ValueError as error:
         raise DataError(f"{path}: its metadata are damaged ({error}); make it again") from None
     if not isinstance(found, dict):

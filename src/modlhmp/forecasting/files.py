@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from modlhmp.forecasting.base import Forecast
-from modlhmp.storage import column, read_metadata, read_parquet, write_parquet, write_pieces
+from modlhmp.storage import column, open_parquet, read_metadata, read_parquet, write_parquet, write_pieces
 from modlhmp.tracks import with_owners
 
 STORED = 20  # of the samples behind a median, a medoid or modes; all of them would be gigabytes
@@ -54,7 +53,7 @@ def _tables(forecasts, t0):
 
 def read_owners(path: str | Path) -> dict[int, str]:
     """The owner's ids that a forecasts file gives beside the track ids; empty where these are the owner's."""
-    if "owner_id" not in pq.read_schema(path).names:
+    if "owner_id" not in open_parquet(path).schema_arrow.names:
         return {}
     table = read_parquet(path, ["track_id", "owner_id"])
     return dict(zip(column(table, "track_id").tolist(), table["owner_id"].to_pylist(), strict=True))
@@ -62,7 +61,7 @@ def read_owners(path: str | Path) -> dict[int, str]:
 
 def read_t0(path: str | Path) -> np.ndarray | None:
     """The t0 [n] in unix s of the forecasts of one seed of a file; None where every track is forecast once."""
-    if "t0" not in pq.read_schema(path).names:
+    if "t0" not in open_parquet(path).schema_arrow.names:
         return None
     table = read_parquet(path, ["seed", "t0"])
     seed = column(table, "seed")
@@ -73,7 +72,7 @@ def read_forecasts(path: str | Path) -> Iterator[tuple[int, np.ndarray, Forecast
     """Yield (seed, track_ids [m], Forecast) of a forecasts file, in the blocks in which it was written."""
     shape = read_metadata(path)
     k, steps = shape["k"], shape["steps"]
-    file = pq.ParquetFile(path)
+    file = open_parquet(path)
     for group in range(file.num_row_groups):
         table = file.read_row_group(group)
         n = table.num_rows

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 
 from modlhmp.scoring.errors import nan_mean, seed_mean
-from modlhmp.storage import column, read_parquet, read_pieces
+from modlhmp.storage import column, open_parquet, read_parquet, read_pieces
 
 COLUMNS = (
     "dataset", "method", "output", "protocol", "horizon_s", "ade_m", "fde_m",
@@ -50,7 +49,7 @@ ErrorsByOutput = dict[tuple[str, str], Errors]  # of one method, by (output, pro
 
 def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) -> ErrorsByOutput:
     """An errors file as {(output, protocol): `Errors`}, of all time steps or those that are chosen."""
-    schema = pq.read_schema(path)
+    schema = open_parquet(path).schema_arrow
     metrics = [name for name in METRICS if name in schema.names]
     rows = read_parquet(path, [name for name in schema.names if name not in metrics]).to_pandas()
     width = schema.field("ade").type.list_size

@@ -7,9 +7,8 @@ import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
 import pyarrow.dataset
-import pyarrow.parquet as pq
 
-from modlhmp.storage import read_parquet
+from modlhmp.storage import open_parquet, read_parquet
 from modlhmp.study.summary import OUTPUTS, main_output
 
 
@@ -45,7 +44,7 @@ def errors_at(errors_file: str | Path, steps: int) -> pd.DataFrame:
     output = main_output({*known["output"].unique().to_pylist(), OUTPUTS[-1]})
     field, key = pc.field, ["recording", "track_id"]
     columns = {name: field(name) for name in (*key, "protocol", "eligible_steps")}
-    named = "owner_id" in pq.read_schema(errors_file).names
+    named = "owner_id" in open_parquet(errors_file).schema_arrow.names
     columns["owner"] = field("owner_id" if named else "track_id").cast("string")
     columns["ade_m"] = pc.list_element(field("ade"), steps - 1)
     wanted = (field("output") == output) & (field("seed") == pc.min(known["seed"]))
