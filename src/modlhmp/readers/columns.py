@@ -33,7 +33,7 @@ class Form(NamedTuple):
 
     `numbers` and `texts` map a field to its positions among `width` columns; a text of several columns is joined by
     slashes. `separator` None stands for any blanks. `ids` is the position of ids that may be plain numbers, -1 where
-    there is none: they are read as text only where a block has others.
+    there is none: they are read as text only where a block has others. `header` holds the names in the first row.
     """
 
     numbers: dict[str, int]
@@ -44,6 +44,7 @@ class Form(NamedTuple):
     thousands: str
     comment: str
     ids: int
+    header: list[str] | None
 
 
 class Parsed(NamedTuple):
@@ -150,7 +151,7 @@ def _look_at_start(path, layout, block, texts):
         block, before = rest, before + 1
         first, _, rest = block.partition(b"\n")
     separator, header = layout.get("separator", ","), layout.get("header")
-    form = Form({}, {}, 0, separator, layout.get("decimal") or ".", layout.get("thousands") or "", comment, -1)
+    form = Form({}, {}, 0, separator, layout.get("decimal") or ".", layout.get("thousands") or "", comment, -1, None)
     line = _with_single_blanks(first) if separator is None else first
     names = _fields(line.decode("utf-8", "replace"), separator)
     row = before + 1
@@ -175,7 +176,10 @@ def _look_at_start(path, layout, block, texts):
         else:
             numbers[field] = positions[0]
     ids = joined.get("track_id", ())
-    form = form._replace(numbers=numbers, texts=joined, width=len(names), ids=ids[0] if len(ids) == 1 else -1)
+    form = form._replace(
+        numbers=numbers, texts=joined, width=len(names), ids=ids[0] if len(ids) == 1 else -1,
+        header=names if header else None,
+    )  # fmt: skip
     return form, rest if header else block, before + bool(header)
 
 
@@ -295,6 +299,8 @@ def _one_row(path, form, text, row, account, converters):
         account.drop_rows("blank_line", 1, example)
     elif form.comment and text.lstrip().startswith(form.comment):
         account.drop_rows("comment_line", 1, example)
+    elif form.header is not None and _fields(text.removeprefix("\ufeff"), form.separator) == form.header:
+        account.drop_rows("header_again", 1, example)
     elif len(fields) != form.width:
         account.drop_rows("wrong_column_count", 1, example)
     else:
