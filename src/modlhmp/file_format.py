@@ -85,7 +85,9 @@ class FileFormat:
         "split", "tracks with a gap: cut there, the pieces being different people, or dropped, as the paper does"
     )
     same_person: bool = option(
-        False, "whether the pieces of a track that was split go to one side of a split by person"
+        False,
+        "whether the pieces of a track that was split are one person: on one side of a split by person, and one "
+        "cluster of tests and intervals",
     )
     max_gap_s: Positive | None = option(
         None, "longest time between two rows of a track [s]; null: 5, or two time steps if these are more"

@@ -19,15 +19,17 @@ from modlhmp.options import ConstantVelocity
 from modlhmp.scoring.encounters import encounters
 from modlhmp.scoring.errors import ground_truth, is_idle, lengths_counted, stands_about, truth_of
 from modlhmp.scoring.recording import score_recording
+from modlhmp.scoring.ttests import paired_test
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.site import IdleFilter, PaperProtocol, Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys, uniforms
-from modlhmp.study.comparisons import clusters, compare, persons
+from modlhmp.study.comparisons import clusters, compare, side_by_side, tracks_of
+from modlhmp.study.ladder import scores
 from modlhmp.study.readings import readings
 from modlhmp.study.reliability import calibration, read_uncertainty
 from modlhmp.study.summary import at_horizons
-from modlhmp.tracks import Tracks, concatenate, empty_tracks, together, usable_tracks
+from modlhmp.tracks import Tracks, concatenate, empty_tracks, together, usable_tracks, with_persons
 
 FEW = settings(max_examples=25, deadline=None, derandomize=True)
 ONCE = Site(observed_rows=4, horizon_s=8.0, timezone="Asia/Tokyo")
@@ -232,8 +234,8 @@ def test_n_counts_forecasts_and_clusters_count_persons(tmp_path):
     one = errors["good"]["ranked", "complete"]
     _, length = truth_of(tracks, found, OFTEN)
     assert len(one.keys) == len(set(one.keys)) == len(found.t0)
-    assert set(persons(one.keys)) == {f"day/half/{track}" for track in set(found.track_id.tolist())}
-    assert sorted(clusters(one.keys, {"day/half": "2030-01-01"})) == sorted(
+    assert set(tracks_of(one.keys)) == {f"day/half/{track}" for track in set(found.track_id.tolist())}
+    assert sorted(clusters(one.person, {"day/half": "2030-01-01"})) == sorted(
         f"day/half/{track}" for track in found.track_id
     )
     tests = compare("hall", errors, [("good", "bad")], [1.0, 5.0], {"day/half": "2030-01-01"})
@@ -242,7 +244,48 @@ def test_n_counts_forecasts_and_clusters_count_persons(tmp_path):
         assert set(of["n"]) == {(length >= steps).sum()}
         assert set(of["clusters"]) == {len(set(found.track_id[length >= steps].tolist()))}
     days = {f"d{n}": f"2030-01-0{n}" for n in range(1, 6)}
-    assert clusters(["d1/4@1.5", "d2/7"], days).tolist() == ["2030-01-01", "2030-01-02"]
+    assert clusters(["d1/4", "d2/7"], days).tolist() == ["2030-01-01", "2030-01-02"]
+
+
+@pytest.mark.parametrize("site", [ONCE, OFTEN], ids=["once", "often"])
+def test_pieces_of_one_person_are_one_cluster_everywhere(tmp_path, site):
+    """As if every forecast of hers were under one id: in tests, intervals of the ladder, calibration."""
+    tracks, persons = recording(14, tracks=24), {100 + n: 100 + n - n % 4 for n in range(24) if n % 4}
+    errors, horizons, days = {}, [2.0, 5.0], {"day": "2030-01-01"}
+    for shift, method in ((0, "good"), (1, "bad")):
+
+        def moved(observed, steps, keys, shift=shift):
+            one = scattered(observed, steps, keys)
+            return one._replace(xy=one.xy + np.float32(shift))
+
+        table = score_recording(tracks, forecasts(tracks, site, forecaster=moved), "day", site)
+        write_parquet(with_persons(table, persons), tmp_path / f"{method}.parquet")
+        errors[method] = at_horizons(tmp_path / f"{method}.parquet", horizons, 1.0)
+    alone = {
+        method: {key: one._replace(person=tracks_of(one.keys)) for key, one in found.items()}
+        for method, found in errors.items()
+    }
+    whole = {f"day/{track}": f"day/{persons.get(track, track)}" for track in range(100, 124)}
+    for one in errors["good"].values():
+        assert one.person.tolist() == [whole[key] for key in tracks_of(one.keys)]
+    tests, apart = (compare("hall", one, [("good", "bad")], horizons, days) for one in (errors, alone))
+    of = tests[(tests["horizon_s"] == 2.0) & (tests["protocol"] == "complete")]
+    both = side_by_side(*(errors[name]["ranked", "complete"] for name in errors), "ade", days)
+    expected = paired_test(
+        both.ours[:, :, 0], both.theirs[:, :, 0], np.array([whole[one] for one in tracks_of(both.keys)])
+    )
+    assert (of["clusters"].iloc[0], of["ci_low_m"].iloc[0]) == (expected.clusters, expected.low)
+    assert expected.clusters <= 6 < apart["clusters"].min()
+    assert not np.allclose(tests["ci_low_m"], apart["ci_low_m"])
+    intervals, lone = (scores("hall", one, horizons, [2, 5], days) for one in (errors, alone))
+    assert (intervals["ade_m"] == lone["ade_m"]).all()
+    assert not np.allclose(intervals["ade_low_m"], lone["ade_low_m"])
+    measured = with_persons(score_samples(tracks, forecasts(tracks, site), "day", site, 3, horizons), persons)
+    write_parquet(measured, tmp_path / "u.parquet", horizons_s=horizons)
+    _, _, person = read_uncertainty(tmp_path / "u.parquet")
+    first = [persons.get(track, track) for track in windows(tracks, site).track_id.tolist()]
+    assert len(person) == len(first)
+    assert len(set(zip(person.tolist(), first, strict=True))) == len(set(first)) == len(set(person.tolist()))
 
 
 def test_all_forecasts_of_an_idle_track_are_idle():

@@ -22,5 +22,5 @@ with job_log(snakemake.log[0]) as log:
     log.info("account: %s", account)
     write_text(snakemake.output.account, json.dumps(account, indent=2) + "\n")
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
-    owners = {"owners": account["owners"]} if "owners" in account else {}
-    write_tracks(tracks, snakemake.output.tracks, **origin, **owners)
+    beside = {name: account[name] for name in ("owners", "persons") if name in account}
+    write_tracks(tracks, snakemake.output.tracks, **origin, **beside)

@@ -11,7 +11,7 @@ from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import DataError, provenance, write_parquet
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import read_tracks
+from modlhmp.tracks import person_ids, read_tracks, with_persons
 
 with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
@@ -20,14 +20,15 @@ with job_log(snakemake.log[0]) as log:
     made = files.get("forecasts")  # a network's, which are as many samples as it has
     if not made:
         forecaster = make_forecaster(method.kind, method.options, site, files.get("map"), files.get("exits"))
-    tables, drawn = [], max(method.futures, params.samples)
+    tables, drawn, persons = [], max(method.futures, params.samples), person_ids(*files.tracks)
     for name, file in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
         tracks, key = read_tracks(file), (names.dataset, names.method, name)
         if made:
             forecasts = read_forecasts(layout.forecast(*key))
         else:
             forecasts = forecast_recording(tracks, forecaster, site, key, drawn, params.seeds)
-        tables.append(score_samples(tracks, forecasts, name, site, method.futures, params.horizons))
+        scored = score_samples(tracks, forecasts, name, site, method.futures, params.horizons)
+        tables.append(with_persons(scored, persons))
     if not any(table.num_rows for table in tables):
         rows = site.observed_rows + 1
         raise DataError(f"{names.dataset}: no test track has {rows} rows without a gap over 5 s to measure")
