@@ -15,6 +15,7 @@ from modlhmp.ids import id_of
 from modlhmp.plausibility import ask_about, check_recording
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import People
+from modlhmp.scenes import of_pieces
 from modlhmp.settings import unknown
 from modlhmp.splits import in_part, in_split, only_of
 from modlhmp.storage import DataError
@@ -29,8 +30,9 @@ def clean_recording(path: str | Path | People, form: FileFormat, recording: Reco
 
     Returns (Tracks at `time_step_s`, account as a dict of JSON data that adds up). Where ids are no plain numbers, the
     account's `owners` are {track id: [owner's id, which piece of that track]} (`modlhmp.ids`); where pieces are one
-    person, `persons` are {track id of a later piece: that of the first}. `DataError` where a check of
-    `modlhmp.plausibility` stops; `warnings` of the account are what others warn of, if any do.
+    person, `persons` are {track id of a later piece: that of the first}; where the file asks for forecasts itself,
+    `scenes` are these, of people who are left (`Scenes.plain`). `DataError` where a check of `modlhmp.plausibility`
+    stops; `warnings` of the account are what others warn of, if any do.
     """
     form = only_of(form, recording)
     path = source_of(path, form, recording)
@@ -86,8 +88,12 @@ def clean_rows(
         )
     known = account.owners.of(tracks.track_id[tracks.bounds()[:-1]])
     pieces = {number: id_of(owner) for number, (owner, piece) in known.items() if piece > 1 and form.same_person}
-    beside = {"owners": known, "persons": pieces}
-    return tracks, {**account.as_dict(), **{name: ids for name, ids in beside.items() if ids}}
+    beside: dict[str, Any] = {name: ids for name, ids in (("owners", known), ("persons", pieces)) if ids}
+    if account.scenes is not None:
+        scenes = of_pieces(account.scenes, tracks, account.owners)
+        account.notes["scenes_of_others"] = len(account.scenes.begin) - len(scenes.begin)
+        beside["scenes"] = scenes.plain()
+    return tracks, {**account.as_dict(), **beside}
 
 
 def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Account) -> Tracks:

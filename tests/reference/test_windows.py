@@ -16,6 +16,7 @@ from modlhmp.forecasting.neighbours import find_neighbours
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import in_order, windows
 from modlhmp.options import ConstantVelocity
+from modlhmp.scenes import Scenes
 from modlhmp.scoring.encounters import encounters
 from modlhmp.scoring.errors import ground_truth, is_idle, lengths_counted, stands_about, truth_of
 from modlhmp.scoring.recording import score_recording
@@ -61,8 +62,8 @@ def scattered(observed, steps, keys):
     return Forecast(xy, -np.cumsum(noise[..., 0], -1).astype(np.float32), np.full((n, k), steps, np.int32), "ranked")
 
 
-def forecasts(tracks, site, seeds=(0, 1), k=3, forecaster=scattered):
-    return forecast_recording(tracks, forecaster, site, NAMES, k, seeds)
+def forecasts(tracks, site, seeds=(0, 1), k=3, forecaster=scattered, scenes=None):
+    return forecast_recording(tracks, forecaster, site, NAMES, k, seeds, scenes=scenes)
 
 
 def joined(tracks, site, seed=0, **options):
@@ -216,6 +217,104 @@ def test_forecasts_of_other_tracks_are_refused():
         list(in_order(forecasts(tracks, ONCE), windows(tracks, OFTEN)))
 
 
+# --- scenes -------------------------------------------------------------------------------------------------
+
+
+def scenes_of(tracks, rng, number=60):
+    """Scenes of people who are there, at their rows or between them, too long or of nobody."""
+    rows = rng.integers(0, len(tracks.t), number)
+    begin = tracks.t[rows] + rng.choice([0, 0, 0.3, -0.02, -3], number)
+    whose = np.where(rng.random(number) < 0.9, tracks.track_id[rows], 999)
+    return Scenes(whose, begin, begin + rng.choice([2, 5, 11, 40], number))
+
+
+@FEW
+@given(st.integers(0, 10**6), st.sampled_from([2, 4, 8]))
+def test_windows_of_scenes_equal_the_loop(seed, observed_rows):
+    tracks, site, expected = recording(seed), replace(ONCE, observed_rows=observed_rows), {}
+    scenes = scenes_of(tracks, np.random.default_rng(seed))
+    found = windows(tracks, site, scenes)
+    usable = {tracks.track_id[first]: (first, last) for first, last in usable_tracks(tracks, observed_rows)}
+    for whose, begin, end in zip(*scenes, strict=True):
+        if whose not in usable or tracks.t[usable[whose][0]] > begin + 0.05:
+            continue
+        rows = [row for row in range(*usable[whose]) if tracks.t[row] >= begin - 0.05]
+        if len(rows) >= observed_rows:
+            t0 = rows[observed_rows - 1]
+            until = min(end, tracks.t[usable[whose][1]])
+            if until - tracks.t[t0] >= 0.95:
+                expected[whose, t0] = max(until, expected.get((whose, t0), 0))
+    assert list(zip(found.track_id.tolist(), found.row.tolist(), strict=True)) == sorted(expected)
+    assert found.until.tolist() == [expected[one] for one in sorted(expected)]
+    assert (found.tracks[found.of, 0] + observed_rows - 1 <= found.row).all()
+    _, length = truth_of(tracks, found, site)
+    assert (length >= 1).all()
+    ends = tracks.t[found.tracks[found.of, 1]]
+    assert (length <= np.floor(ends - found.t0 + 0.05)).all()
+
+
+def test_a_scene_is_nine_rows_and_twelve_steps():
+    """As in the challenge: 21 rows of 0.4 s. What comes after the scene is neither forecast nor scored."""
+    site = Site(observed_rows=9, time_step_s=0.4, horizon_s=6.0)
+    walk = straight(7, (0, 0), (1, 0), 60, step_s=0.4)
+    begin = walk.t[0] + 0.4 * np.array([0, 10, 30, 39, 51])
+    found = windows(walk, site, Scenes(np.full(5, 7), begin, begin + 8.0))
+    truth, length = truth_of(walk, found, site)
+    assert found.row.tolist() == [8, 18, 38, 47]  # the last one has no row after it
+    assert length.tolist() == [12, 12, 12, 12]
+    assert np.isfinite(truth[:, :12]).all()
+    assert np.isnan(truth[:, 12:]).all()
+    np.testing.assert_allclose(truth[:, 11, 0], walk.x[[20, 30, 50, 59]])
+    assert found.later_s.round(6).tolist() == [0.0, 4.0, 12.0, 15.6]
+    assert found.several
+
+
+def test_scenes_do_not_change_what_every_so_many_seconds_says():
+    tracks = recording(15)
+    scenes = scenes_of(tracks, np.random.default_rng(0))
+    for one, other in zip(windows(tracks, OFTEN, scenes), windows(tracks, OFTEN), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_no_scene_is_no_forecast():
+    nobody = Scenes(np.empty(0, np.int64), np.empty(0), np.empty(0))
+    found = windows(recording(), ONCE, nobody)
+    assert (len(found.t0), len(found.until), found.several) == (0, 0, True)
+    assert len(windows(empty_tracks(), ONCE, nobody).t0) == 0
+
+
+def test_a_scene_at_a_track_s_first_row_has_the_only_forecast_s_random_numbers():
+    tracks = recording(16)
+    usable = usable_tracks(tracks, 4)[:, 0]
+    scenes = Scenes(tracks.track_id[usable], tracks.t[usable], tracks.t[usable] + 40)
+    np.testing.assert_array_equal(joined(tracks, ONCE), joined(tracks, ONCE, scenes=scenes))
+    later = scenes._replace(begin=scenes.begin + 1)
+    assert not np.isin(joined(tracks, ONCE, scenes=later)[:, 0, 0], joined(tracks, ONCE)[:, 0, 0]).any()
+
+
+def test_scores_are_of_scenes_and_clusters_of_persons(tmp_path):
+    tracks = recording(17, tracks=12)
+    scenes = scenes_of(tracks, np.random.default_rng(1))
+    found, own = windows(tracks, ONCE, scenes), {"scenes": scenes}
+    _, length = truth_of(tracks, found, ONCE)
+    assert len(set(found.track_id.tolist())) < len(found.t0)
+    table = score_recording(tracks, forecasts(tracks, ONCE, **own), "day", ONCE, **own)
+    once = table.to_pandas().query("output == 'ranked' and protocol == 'complete' and seed == 0")
+    assert (once["track_id"].tolist(), once["t0"].tolist()) == (found.track_id.tolist(), found.t0.tolist())
+    assert once["eligible_steps"].tolist() == np.minimum(length, 8).tolist()
+    write_parquet(table, tmp_path / "e.parquet")
+    errors = at_horizons(tmp_path / "e.parquet", [1.0], 1.0)["ranked", "complete"]
+    assert sorted(errors.person) == sorted(f"day/{track}" for track in found.track_id)
+    _, _, steps = encounters(tracks, forecasts(tracks, ONCE, **own), tracks, ONCE, scenes)
+    np.testing.assert_array_equal(steps, length)
+    read = readings([(tracks, forecasts(tracks, ONCE, **own), scenes)], ONCE)
+    assert set(read.loc[read["idle"] == "kept", "eligible"]) == {(length >= 8).sum()}
+    measured = score_samples(tracks, forecasts(tracks, ONCE, **own), "day", ONCE, 3, [2.0], scenes).to_pandas()
+    assert measured.loc[measured["seed"] == 0, "t0"].tolist() == found.t0.tolist()
+    with pytest.raises(ValueError, match=r"other tracks|fewer tracks"):
+        score_recording(tracks, forecasts(tracks, ONCE, **own), "day", ONCE)
+
+
 # --- scores and statistics ----------------------------------------------------------------------------------
 
 
@@ -307,7 +406,7 @@ def test_all_other_scores_count_forecasts(tmp_path):
     assert met.shape == (2, len(found.t0), 8)
     np.testing.assert_array_equal(steps, length)
     assert truth_met.shape == (len(found.t0), 8)
-    table = readings([(tracks, forecasts(tracks, OFTEN))], OFTEN)
+    table = readings([(tracks, forecasts(tracks, OFTEN), None)], OFTEN)
     assert set(table.loc[table["idle"] == "kept", "eligible"]) == {(length >= 8).sum()}
     measured = score_samples(tracks, forecasts(tracks, OFTEN), "day", OFTEN, 3, [2.0, 8.0])
     write_parquet(measured, tmp_path / "u.parquet", horizons_s=[2.0, 8.0])

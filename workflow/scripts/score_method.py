@@ -3,6 +3,7 @@
 from modlhmp.floor_plan import load_floor_plan, moved
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log, progress
+from modlhmp.scenes import read_scenes
 from modlhmp.scoring.recording import score_recording
 from modlhmp.settings import build
 from modlhmp.site import Site
@@ -21,14 +22,14 @@ def scored(files, params, names, log):
     owners, persons = known or None, person_ids(*files.tracks)
     for recording, tracks in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
         forecasts = read_forecasts(layout.forecast(names.dataset, names.method, recording))
-        errors = score_recording(read_tracks(tracks), forecasts, recording, site, plan)
+        errors = score_recording(read_tracks(tracks), forecasts, recording, site, plan, read_scenes(tracks))
         errors = with_persons(with_owners(errors, owners), persons)
         rows += errors.num_rows
         if errors.num_rows:
             yield errors
     if not rows:
         needed = site.observed_rows + 1
-        raise DataError(f"{names.dataset}: no test track has {needed} rows without a gap over 5 s to score")
+        raise DataError(f"{names.dataset}: no test track (or scene) has {needed} rows without a gap over 5 s to score")
     log.info("%d rows of errors", rows)
 
 

@@ -2,6 +2,7 @@
 
 from modlhmp.logs import job_log, progress
 from modlhmp.methods import Method
+from modlhmp.scenes import read_scenes
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance, write_parquet
@@ -15,7 +16,10 @@ with job_log(snakemake.log[0]) as log:
     recordings = {name: read_tracks(layout.tracks(dataset, name)) for name in params.recordings}
     persons = person_ids(*snakemake.input.tracks)
     recordings = sample_tracks(recordings, dataset, site, params.max_tracks)
-    variants = vary(parameter, params.values, method, recordings, dataset, site, snakemake.input.map, params.seeds)
+    scenes = {name: read_scenes(layout.tracks(dataset, name)) for name in params.recordings}
+    variants = vary(
+        parameter, params.values, method, recordings, dataset, site, snakemake.input.map, params.seeds, scenes
+    )
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
     for value, errors in progress(variants, total=len(params.values), desc="values"):
         log.info("%s = %g: %d rows of errors", parameter, value, errors.num_rows)

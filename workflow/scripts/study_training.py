@@ -3,6 +3,7 @@
 from modlhmp.kinds import find
 from modlhmp.logs import job_log
 from modlhmp.methods import Method
+from modlhmp.scenes import read_scenes
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance, write_parquet
@@ -16,11 +17,12 @@ with job_log(snakemake.log[0]) as log:
     recordings = {name: read_tracks(layout.tracks(dataset, name)) for name in params.recordings}
     persons = person_ids(*snakemake.input.tracks)
     recordings = sample_tracks(recordings, dataset, site, params.max_tracks)
+    scenes = {name: read_scenes(layout.tracks(dataset, name)) for name in params.recordings}
     training = together(map(read_tracks, snakemake.input.training))
     buildings = {kind: build(find(kind).building, plain) for kind, plain in params.buildings.items()}
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
     for share, method, errors in vary_training(
-        params.shares, methods, training, recordings, dataset, site, buildings, params.seeds
+        params.shares, methods, training, recordings, dataset, site, buildings, params.seeds, scenes
     ):
         log.info("%s, %g of the training tracks: %d rows of errors", method, share, errors.num_rows)
         write_parquet(with_persons(errors, persons), layout.training_share(dataset, method, share), **origin)
