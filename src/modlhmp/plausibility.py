@@ -113,6 +113,23 @@ def repeated_rows(seen: Evidence) -> Told:
     return _dropped(seen, "duplicate_row", REPEATED, "have the id and the time of another row", remedy)
 
 
+def glued_files(seen: Evidence) -> Told:
+    """Files that were put one after the other, so that the people of one are taken for those of another."""
+    account, told = seen.account, []
+    headers, repeated = account.dropped_rows["header_again"], account.dropped_rows["duplicate_row"]
+    if headers:
+        told.append(
+            f"the header stands again in the middle ({headers} times, first: {account.first_seen['header_again']})"
+        )
+    if repeated and account.starts_anew:
+        told.append(f"times start anew in the middle ({account.starts_anew} times)")
+    if not told:
+        return None
+    lost = f", and {repeated} rows with the id and time of an earlier one are dropped" if repeated else ""
+    remedy = "were files put one after the other? Give each by itself, as it was, in `recordings`"
+    return "warn", " and ".join(told) + lost, remedy
+
+
 def outside_day(seen: Evidence) -> Told:
     """Rows before or after the recording's day."""
     remedy = "set `days: 2` if it goes on after midnight, or correct `day`, `start` or `timezone`"
@@ -249,6 +266,9 @@ CHECKS = (
           extent),
     Check("jumps", "displacements faster than `max_jump_mps` (15 m/s)", "warns above 1 %",
           "`columns: {track_id}`, `max_jump_mps`", jumps),
+    Check("glued_files", "the header again in the middle of a file; or times that start anew there, in a file by time, "
+          "with rows of the id and time of an earlier one, which are dropped", "warns from the first", "`recordings`",
+          glued_files),
     Check("repeated_rows", "rows with the id and time of another one, which are dropped", "warns above 10 %",
           "`columns: {track_id, t}`", repeated_rows),
     Check("shared_people", "test tracks that are in the training recordings as well: the same positions in the same "
@@ -257,7 +277,8 @@ CHECKS = (
     Check("untrained_place", "test rows in 1 m cells with training rows", "warns below half, stops below a tenth",
           "`recordings`, `units`, `origin_m`"),
 )  # fmt: skip
-_AFTER_SPEED = {"extent", "jumps"}  # they repeat what a wrong speed says
+# Checks that only repeat what another one has found.
+_AFTER = {"extent": "walking_speed", "jumps": "walking_speed", "repeated_rows": "glued_files"}
 
 
 def check_recording(rows: Tracks, account: Account, form: FileFormat, clock: bool = False) -> list[Finding]:
@@ -267,8 +288,8 @@ def check_recording(rows: Tracks, account: Account, form: FileFormat, clock: boo
     """
     seen, found = Evidence(rows, account, form, clock), list[Finding]()
     for check in CHECKS:
-        wrong_speed = any(one.check == "walking_speed" for one in found)
-        told = check.of(seen) if check.of and not (wrong_speed and check.name in _AFTER_SPEED) else None
+        said = _AFTER.get(check.name) in [one.check for one in found]
+        told = check.of(seen) if check.of and not said else None
         if told is not None:
             found.append(Finding(check.name, *told))
     return found

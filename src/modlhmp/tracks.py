@@ -109,6 +109,24 @@ def with_owners(table: pa.Table, owners: Mapping[int, str] | None) -> pa.Table:
     return table.add_column(at, "owner_id", texts.dictionary_encode())
 
 
+def person_ids(*paths: str | Path) -> dict[int, int]:
+    """{track id of a later piece: that of the first} of clean recordings, where pieces of a cut track are one person.
+
+    Empty where they are not (`same_person`).
+    """
+    known = [read_metadata(path).get("persons", {}) for path in paths]
+    return {int(piece): whole for one in known for piece, whole in one.items()}
+
+
+def with_persons(table: pa.Table, persons: Mapping[int, int]) -> pa.Table:
+    """A table with a column `track_id`, and at its end whose each is as `person`; without `persons` as it is."""
+    if not persons:
+        return table
+    return table.append_column(
+        "person", pa.array([persons.get(one, one) for one in column(table, "track_id").tolist()])
+    )
+
+
 def read_tracks(path: str | Path) -> Tracks:
     """Read a clean recording; `DataError` if it lacks a column."""
     table = read_parquet(path)

@@ -11,8 +11,8 @@ PACKAGE = Path(modlhmp.__file__).parent
 # From left to right. What stands in one line is one stage; the modules in it import each other without a circle.
 STAGES = [
     ("storage", "kernels"),
-    ("settings", "options", "kinds", "site", "file_format", "logs", "angles", "streams", "tracks", "ids", "clock",
-     "account", "time_step", "yaml_file", "floor_plan"),
+    ("settings", "options", "kinds", "site", "file_format", "logs", "angles", "streams", "tracks", "ids", "scenes",
+     "clock", "account", "time_step", "yaml_file", "floor_plan"),
     ("readers",),
     ("motion", "speed_units", "plausibility", "splits", "cleaning"),
     ("maps",),

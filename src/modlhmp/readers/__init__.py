@@ -26,7 +26,10 @@ def read_recording(
     `day` is the local date (ISO), without which rows of every day are kept; `start` is the local time at which a file
     without a clock begins; the rows of so many `days` from then on are kept. `DataError` where a start has no day.
     """
-    limits, origin = _day_and_origin(form.timezone, day, start, days)
+    try:
+        limits, origin = _day_and_origin(form.timezone, day, start, days)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
     frame_rate, row_stride, scale = (cast(Any, value) for value in (form.frame_rate, form.row_stride, form.scale))
     if isinstance(path, People):
         return _read_table(path, form, limits, origin)

@@ -18,8 +18,8 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
-from modlhmp.kernels import kernel
 from modlhmp.readers.hints import hint
+from modlhmp.readers.lines import byte_kinds, plain_ids, scan
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People, line_blocks
 from modlhmp.storage import DataError
@@ -33,7 +33,7 @@ class Form(NamedTuple):
 
     `numbers` and `texts` map a field to its positions among `width` columns; a text of several columns is joined by
     slashes. `separator` None stands for any blanks. `ids` is the position of ids that may be plain numbers, -1 where
-    there is none: they are read as text only where a block has others.
+    there is none: they are read as text only where a block has others. `header` holds the names in the first row.
     """
 
     numbers: dict[str, int]
@@ -44,6 +44,7 @@ class Form(NamedTuple):
     thousands: str
     comment: str
     ids: int
+    header: list[str] | None
 
 
 class Parsed(NamedTuple):
@@ -71,7 +72,7 @@ def read_columns(
     with ThreadPoolExecutor(THREADS) as pool:
         for future in _parsed_ahead(pool, form, itertools.chain([block], blocks)):
             parsed = future.result()
-            yield _finish(form, parsed, row, account, converters)
+            yield _finish(path, form, parsed, row, account, converters)
             row += len(parsed.ends)
 
 
@@ -91,12 +92,12 @@ def parse(form: Form, block: bytes) -> Parsed:
     separator = form.separator or " "
     numbers = np.isin(np.arange(form.width), list(form.numbers.values()))
     comment = ord(form.comment[0]) if form.comment else -1
-    kinds = _byte_kinds(separator, form)
+    kinds = byte_kinds(separator, form.decimal)
     data = np.frombuffer(block, np.uint8)
-    ends, regular = _scan(data, kinds, numbers, comment)
+    ends, regular = scan(data, kinds, numbers, comment)
     if not regular.any():
         return Parsed(block, {}, ends, regular)
-    plain = form.ids >= 0 and _plain_ids(data, ends, regular, ord(separator), form.ids)
+    plain = form.ids >= 0 and plain_ids(data, ends, regular, ord(separator), form.ids)
     wanted = dict.fromkeys(form.numbers.values(), pa.float64())
     for field, positions in form.texts.items():
         kind = pa.float64() if field == "track_id" and plain and positions == (form.ids,) else pa.binary()
@@ -150,7 +151,7 @@ def _look_at_start(path, layout, block, texts):
         block, before = rest, before + 1
         first, _, rest = block.partition(b"\n")
     separator, header = layout.get("separator", ","), layout.get("header")
-    form = Form({}, {}, 0, separator, layout.get("decimal") or ".", layout.get("thousands") or "", comment, -1)
+    form = Form({}, {}, 0, separator, layout.get("decimal") or ".", layout.get("thousands") or "", comment, -1, None)
     line = _with_single_blanks(first) if separator is None else first
     names = _fields(line.decode("utf-8", "replace"), separator)
     row = before + 1
@@ -175,7 +176,10 @@ def _look_at_start(path, layout, block, texts):
         else:
             numbers[field] = positions[0]
     ids = joined.get("track_id", ())
-    form = form._replace(numbers=numbers, texts=joined, width=len(names), ids=ids[0] if len(ids) == 1 else -1)
+    form = form._replace(
+        numbers=numbers, texts=joined, width=len(names), ids=ids[0] if len(ids) == 1 else -1,
+        header=names if header else None,
+    )  # fmt: skip
     return form, rest if header else block, before + bool(header)
 
 
@@ -203,13 +207,17 @@ def _position(path, row, field, column, names, header, block, layout):
     return names.index(column)
 
 
-def _finish(form, parsed, rows_before, account, converters):
+def _finish(path, form, parsed, rows_before, account, converters):
     """Columns of a block, its irregular lines read one by one, rows in the file's order."""
     block, values, ends, regular = parsed
     account.rows_read += len(ends)
     columns, faults = {}, {}
+
+    def place(line):
+        return f"{path}, row {rows_before + 1 + int(np.flatnonzero(regular)[line])}"
+
     for field in (*form.numbers, *form.texts):
-        columns[field], faults[field] = _converted(field, values.get(field, np.empty(0)), converters)
+        columns[field], faults[field] = _converted(field, values.get(field, np.empty(0)), converters, place)
     readable, unread = regular, np.zeros(len(ends), bool)
     if not regular.all():
         readable, every = regular.copy(), {}
@@ -219,7 +227,7 @@ def _finish(form, parsed, rows_before, account, converters):
         starts = np.concatenate([[0], ends[:-1] + 1])
         for line in np.flatnonzero(~regular):
             text = block[starts[line] : ends[line]].decode("utf-8", "surrogateescape")
-            found = _one_row(form, text, rows_before + 1 + line, account, converters)
+            found = _one_row(path, form, text, rows_before + 1 + line, account, converters)
             if found is not None:
                 readable[line] = True
                 for field, value in found.items():
@@ -243,8 +251,8 @@ class _Fault(NamedTuple):
     example: str
 
 
-def _converted(field, given, converters):
-    """A field's column as numbers, and where texts are none of its kind."""
+def _converted(field, given, converters, place):
+    """A field's column as numbers, and where texts are none of its kind; `place` (a regular line) is for errors."""
     if isinstance(given, np.ndarray):
         return given.astype(np.int64) if field == "track_id" and field in converters else given, None
     import pyarrow.compute as pc  # noqa: PLC0415 - it takes a tenth of a second, and few files have texts
@@ -252,13 +260,24 @@ def _converted(field, given, converters):
     joined = given[0] if len(given) == 1 else pc.binary_join_element_wise(*given, b"/")
     coded = joined.dictionary_encode()
     texts = [one.decode("utf-8", "surrogateescape").strip() for one in coded.dictionary.to_pylist()]
-    found = [converters[field](text) for text in texts]
+    codes = coded.indices.to_numpy()
+    found = [
+        _meant(converters[field], text, lambda code=code: place(np.argmax(codes == code)))
+        for code, text in enumerate(texts)
+    ]
     kind = np.int64 if field == "track_id" else np.float64
     missing = np.array([one is None for one in found], bool)
-    codes = coded.indices.to_numpy()
     column = np.array([0 if one is None else one for one in found], kind)[codes] if texts else np.empty(0, kind)
     lines = np.flatnonzero(missing[codes]) if missing.any() else np.empty(0, np.int64)
     return column, _Fault(lines, texts[codes[lines[0]]] if lines.size else "")
+
+
+def _meant(converter, text, place):
+    """What a text stands for; where that is not known, the `DataError` says its place."""
+    try:
+        return converter(text)
+    except DataError as error:
+        raise DataError(f"{place()}: {error}") from None
 
 
 def _belonging(columns, form, account):
@@ -273,13 +292,15 @@ def _belonging(columns, form, account):
     return {**columns, "track_id": columns["track_id"].astype(np.int64)}
 
 
-def _one_row(form, text, row, account, converters):
+def _one_row(path, form, text, row, account, converters):
     """Values of one line by field, or None once it is counted as dropped."""
     fields, example = _fields(text, form.separator), f"row {row}: {text[:80]!r}"
     if not text.strip():
         account.drop_rows("blank_line", 1, example)
     elif form.comment and text.lstrip().startswith(form.comment):
         account.drop_rows("comment_line", 1, example)
+    elif form.header is not None and _fields(text.removeprefix("\ufeff"), form.separator) == form.header:
+        account.drop_rows("header_again", 1, example)
     elif len(fields) != form.width:
         account.drop_rows("wrong_column_count", 1, example)
     else:
@@ -287,7 +308,8 @@ def _one_row(form, text, row, account, converters):
             field: number(fields[position], form.decimal, form.thousands) for field, position in form.numbers.items()
         }
         for field, positions in form.texts.items():
-            found[field] = converters[field]("/".join(fields[position] for position in positions).strip())
+            joined = "/".join(fields[position] for position in positions).strip()
+            found[field] = _meant(converters[field], joined, lambda: f"{path}, row {row}")
         if None not in found.values():
             return found
         account.drop_rows("text_value", 1, example)
@@ -317,72 +339,3 @@ def _lines(block, ends, chosen):
 
 def _is_number(text, form):
     return number(text, form.decimal, form.thousands) is not None
-
-
-# What a byte can be to `_scan`.
-_NUMBER, _POINT, _SEPARATOR, _NEWLINE, _QUOTE, _OTHER = range(6)
-_MOST_DIGITS = 15  # of a whole number that a float holds exactly
-
-
-def _byte_kinds(separator, form):
-    kinds = np.full(256, _OTHER, np.uint8)
-    kinds[list(b"0123456789+-eE\r")] = _NUMBER
-    for byte, kind in ((form.decimal, _POINT), (separator, _SEPARATOR), ("\n", _NEWLINE), ('"', _QUOTE)):
-        kinds[ord(byte)] = kind
-    return kinds
-
-
-@kernel(nogil=True)
-def _scan(data, kinds, numbers, comment):
-    """Ends of all lines, and which are regular.
-
-    A line is regular that has the right number of columns, plain numbers in those of `numbers`, and does not
-    begin with the byte `comment`. A plain number is made of digits, signs, exponents and at most one point; whatever
-    else, and a quote anywhere since it may hide separators, is left to Python.
-    """
-    lines = 0
-    for byte in data:
-        lines += byte == 10
-    ends, regular = np.empty(lines, np.int64), np.empty(lines, np.bool_)
-    columns = len(numbers)
-    line, column, points, bad = 0, 0, 0, False
-    for i in range(len(data)):
-        kind = kinds[data[i]]
-        if kind <= _POINT:
-            points += kind
-        elif kind == _OTHER:
-            bad |= column >= columns or numbers[column] or (column == 0 and data[i] == comment)
-        elif kind == _QUOTE:
-            bad = True
-        else:
-            bad |= points > 1 and (column >= columns or numbers[column])
-            points = 0
-            column += 1
-            if kind == _NEWLINE:
-                ends[line] = i
-                regular[line] = column == columns and not bad
-                line, column, bad = line + 1, 0, False
-    return ends, regular
-
-
-@kernel(nogil=True)
-def _plain_ids(data, ends, regular, separator, position):
-    """Whether the field at a position is a plain whole number, which a float holds, in all regular lines."""
-    at = 0
-    for line in range(len(ends)):
-        if regular[line]:
-            column = 0
-            while column < position:
-                column += data[at] == separator
-                at += 1
-            at += data[at] == 45
-            first, digits = at, 0
-            while 48 <= data[at] <= 57:
-                at += 1
-            digits = at - first
-            if data[at] not in (separator, 13, 10) or not 0 < digits <= _MOST_DIGITS:
-                return False
-            if data[first] == 48 and (digits > 1 or (first > 0 and data[first - 1] == 45)):
-                return False
-        at = ends[line] + 1
-    return True

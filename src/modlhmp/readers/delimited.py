@@ -45,7 +45,7 @@ def read_delimited(
     (first, last) unix second of the recording's day; rows outside are dropped. With speed and heading columns the last
     sample of each `step_s` is kept. Returns (Tracks, Account).
     """
-    account, pieces, previous = Account(), [], -np.inf
+    account, pieces = Account(), []
     has_velocity = "speed" in layout["columns"]
     chosen = {f"{key}:{column}": (key, column) for key in ("only", "without") for column in layout.get(key) or {}}
     positions = {field: int(column) if column.isdecimal() else column for field, (_, column) in chosen.items()}
@@ -54,9 +54,7 @@ def read_delimited(
         values = _wanted(read, chosen, layout.get("missing") or {}, account)
         rows = _to_si(values, layout)
         rows = _drop_bad_rows(path, rows, values["row"], has_velocity, day, layout, account)
-        latest = np.maximum.accumulate(np.concatenate([[previous], rows.t]))
-        account.notes["rows_out_of_time_order"] += int(np.sum(rows.t < latest[:-1]))
-        previous = latest[-1]
+        account.note_order(rows.track_id, rows.t)
         pieces.append(last_of_step(rows, step_s, account) if has_velocity else rows)
     rows = concatenate(pieces)
     rows = last_of_step(rows, step_s, account) if has_velocity else without_repeats(rows, account)

@@ -13,7 +13,7 @@ from modlhmp.kinds import find
 from modlhmp.scoring.errors import seed_mean
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.ttests import groups_test, paired_test
-from modlhmp.study.comparisons import main_errors, persons, side_by_side
+from modlhmp.study.comparisons import main_errors, side_by_side, tracks_of
 from modlhmp.study.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
 
 NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"
@@ -78,7 +78,7 @@ def _idling(one, titles, kinds):
         if "tc_cliff" in one.errors:
             for protocol in PROTOCOLS:
                 both, column = _pair(one, learned, "tc_cliff", protocol, "fde"), one.horizons.index(longest)
-                gain, idle = (both.ours - both.theirs)[:, :, column], np.isin(persons(both.keys), list(one.idle))
+                gain, idle = (both.ours - both.theirs)[:, :, column], np.isin(tracks_of(both.keys), list(one.idle))
                 text = f"FDE {titles[learned]} - {titles['tc_cliff']}, {longest:g} s: those who idle < the others"
                 yield _groups(protocol, text, gain, idle, both.cluster)
     yield from _if_none(one, kinds)

@@ -17,6 +17,7 @@ from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.outputs import with_output
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.methods import Method, make_forecaster
+from modlhmp.scenes import read_scenes
 from modlhmp.scoring.uncertainty import samples_of
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.exhibits.selection import Example, errors_at, example_track
@@ -124,13 +125,16 @@ def forecast_again(
     exits = layout.map(dataset.name, "exits")
     path = layout.map(dataset.name, method.kind)
     forecaster = make_forecaster(method.kind, method.options, dataset, path, exits)
-    once = dataclasses.replace(dataset, forecast_every_s=None)
-    tracks = read_tracks(layout.tracks(dataset.name, track.recording))
+    file = layout.tracks(dataset.name, track.recording)
+    tracks = read_tracks(file)
     tracks = tracks.take(tracks.track_id == track.track_id)
+    scenes = read_scenes(file) if dataset.forecast_every_s is None else None
+    once = dataclasses.replace(dataset, forecast_every_s=None)
     keyed_by = (dataset.name, method.name, track.recording)
     k = max(method.futures, samples)
-    ((_, _, forecast),) = forecast_recording(tracks, forecaster, once, keyed_by, k, [seed])
-    return forecast
+    found = forecast_recording(tracks, forecaster, once, keyed_by, k, [seed], scenes=scenes)
+    xy, log_fitness, steps_alive, output = next(found)[2]
+    return Forecast(xy[:1], log_fitness[:1], steps_alive[:1], output)
 
 
 def _rows(what, xy, step_s):

@@ -140,9 +140,11 @@ def draw_ttests(layout: Layout, datasets: Sequence[Dataset], stem: str, methods:
 
 def _several(datasets):
     """What n counts where a track is forecast several times, for notes."""
-    parts = [f" {one.title}: a forecast of each track every {one.forecast_every_s:g} s, and n counts these; tests and "
-             "intervals are over days or persons." for one in datasets if one.forecast_every_s]  # fmt: skip
-    return "".join(parts)
+    of = {one.title: f"track every {one.forecast_every_s:g} s" for one in datasets if one.forecast_every_s}
+    scenes = [one for one in datasets if one.reader == "trajnet" and not one.forecast_every_s]
+    of |= {one.title: "scene of its files, where they have scenes" for one in scenes}
+    rest = ", and n counts these; tests and intervals are over days or persons."
+    return "".join(f" {title}: a forecast of each {what}{rest}" for title, what in of.items())
 
 
 def _percentile(lengths):
