@@ -50,7 +50,7 @@ def read_delimited(
     chosen = {f"{key}:{column}": (key, column) for key in ("only", "without") for column in layout.get(key) or {}}
     positions = {field: int(column) if column.isdecimal() else column for field, (_, column) in chosen.items()}
     wanted = {**layout, "columns": {**layout["columns"], **positions}}
-    for read in read_columns(path, wanted, account, _converters(layout, chosen, account)):
+    for read in read_columns(path, wanted, account, _converters(path, layout, chosen, account)):
         values = _wanted(read, chosen, layout.get("missing") or {}, account)
         rows = _to_si(values, layout)
         rows = _drop_bad_rows(path, rows, values["row"], has_velocity, day, layout, account)
@@ -60,10 +60,16 @@ def read_delimited(
         pieces.append(last_of_step(rows, step_s, account) if has_velocity else rows)
     rows = concatenate(pieces)
     rows = last_of_step(rows, step_s, account) if has_velocity else without_repeats(rows, account)
+    if not account.rows_read and layout.get("header"):
+        raise DataError(f"{path}: names its columns, but has no row; was the export cut off?")
     if not len(rows.t):
         seen = f" (first: {next(iter(account.first_seen.values()))})" if account.first_seen else ""
         advice = hint(next(line_blocks(path)), layout)
-        advice = f"the file {advice}" if advice else hint_of_units(account.beyond, account.rows_read)
+        advice = (
+            f"the file {advice}"
+            if advice
+            else hint_of_units(account.beyond, account.rows_read, layout.get("origin", 0.0))
+        )
         raise DataError(
             f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}{seen}"
             + (f"; {advice}" if advice else "")
@@ -71,22 +77,33 @@ def read_delimited(
     return rows, account
 
 
-def _converters(layout, chosen, account):
+def _converters(path, layout, chosen, account):
     """What the texts of a file stand for, by field: ids, times, and whether a row is one of those that are wanted."""
     found = {}
     if layout.get("ids") == "text":
-        owners = account.owners
-        found["track_id"] = lambda text: NO_ID if text in NOBODY else owners.number(text)
+        found["track_id"] = partial(_whose, path=path, owners=account.owners)
     if (layout.get("units") or {}).get("time") == "iso":
         found["t"] = partial(unix_time, timezone=layout.get("timezone", "UTC"))
     for field, (key, column) in chosen.items():
         texts = {str(text) for text in layout[key][column]}
-        found[field] = partial(_is_kept, texts=texts, inside=key == "only")
+        found[field] = partial(_is_kept, path=path, texts=texts, inside=key == "only")
     return found
 
 
-def _is_kept(text, texts, inside):
-    return (text in texts) == inside
+def _whose(text, path, owners):
+    return NO_ID if text in NOBODY else owners.number(_utf8(path, text))
+
+
+def _is_kept(text, path, texts, inside):
+    return (_utf8(path, text) in texts) == inside
+
+
+def _utf8(path, text):
+    """The text; `DataError` where it holds bytes of another encoding, which no output could show."""
+    if any("\udc80" <= character <= "\udcff" for character in text):
+        shown = text.encode("utf-8", "surrogateescape").decode("latin-1")
+        raise DataError(f"{path}: the text {shown!r} is not UTF-8 (Latin-1 or Windows-1252?): save it as UTF-8")
+    return text
 
 
 def _wanted(values, chosen, missing, account):
