@@ -1,15 +1,18 @@
 """A look at a recording, or at a dataset file, before any run: what it is, what looks wrong, and a draft to edit."""
 
 import dataclasses
-import os
+import glob
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from modlhmp.cleaning import source_of
 from modlhmp.datasets import Dataset, load_dataset
 from modlhmp.file_format import Recording
-from modlhmp.inspection.draft import draft, time_step
+from modlhmp.inspection.draft import Listed, draft, time_step
 from modlhmp.inspection.facts import Facts, look_at
-from modlhmp.inspection.guess import days_of, guess
+from modlhmp.inspection.folder import files_in, first_day, under
+from modlhmp.inspection.guess import Guess, days_of, guess, guess_people
 from modlhmp.inspection.page import page
 from modlhmp.inspection.picture import draw, some_tracks, text_map
 from modlhmp.logs import progress
@@ -80,26 +83,70 @@ class Inspection:
         return files
 
 
-def inspect_file(path: str | Path, data_root: str | Path | None = None) -> Inspection:
-    """Guess how a recording is written, look at it, and draft its dataset file.
+def inspect_file(path: str | Path, data_root: str | Path = "data") -> Inspection:
+    """Guess how a recording, or the recordings in a folder, are written, look at one, and draft the dataset file.
 
-    `data_root` is the folder that the draft's path is relative to, if the file lies in it. `DataError` where no form
+    `data_root` is the folder that the draft's paths are relative to, if the files lie in it. `DataError` where no form
     gives people who move.
     """
     path = Path(path)
+    if path.is_dir():
+        return _inspect_folder(path, data_root)
     found = guess(path)
-    rows, _ = read_recording(path, found.form)
+    return _drafted(path, found, Recording(name=path.stem, path=str(path), stored=str(path)), [path], data_root)
+
+
+def _inspect_folder(folder: Path, data_root: str | Path) -> Inspection:
+    """The files of a folder as one recording if each is of one person, else as one each, of which the largest shows."""
+    files, pattern = files_in(folder)
+    people = guess_people(files) if len(files) > 1 else None
+    if people is not None:
+        recording = Recording(name=folder.name, path=str(folder), stored=str(files[0]), people=tuple(map(str, files)))
+        return _drafted(folder, people, recording, [Path(glob.escape(str(folder)), pattern)], data_root)
+    largest = max(files, key=lambda file: file.stat().st_size)
+    found = guess(largest)
+    recording = Recording(name=largest.stem, path=str(largest), stored=str(largest))
+    return _drafted(folder, found, recording, files, data_root)
+
+
+def _drafted(
+    path: Path, found: Guess, recording: Recording, files: Sequence[Path], data_root: str | Path
+) -> Inspection:
+    """The inspection of a recording whose form has been guessed; `files` are those that the draft lists."""
+    source = source_of(recording.path, found.form, recording)
+    rows, _ = read_recording(source, found.form)
     found.keys["time_step_s"] = time_step(usual_step(rows))
-    day, days = days_of(rows) if found.clock else ("", 1)
-    recording = Recording(day=day, days=days, name=path.stem, path=str(path), stored=str(path))
-    facts = look_at(path, found.form, recording, found.clock)
+    if found.clock:
+        day, days = days_of(rows)
+        recording = dataclasses.replace(recording, day=day, days=days)
+    facts = look_at(recording.path, found.form, recording, found.clock)
     if facts.fault:
         raise DataError(facts.fault)
-    written = draft(_under(path, data_root), found, facts)
+    listed = [_listed(file, found, recording, data_root) for file in files]
+    others = f"{len(files) - 1} other files have not been looked at but for their days; inspect this draft as well"
+    away = (
+        f"decide: not under the data root {data_root}, where others have it"
+        if Path(listed[0].files).is_absolute()
+        else ""
+    )
+    remark = "; ".join(filter(None, [others if len(files) > 1 else "", away]))
+    written = draft(path.resolve().stem, listed, found, facts, remark)
     guessed = [(key, f"{value!r}".strip("'") + (f" ({found.asks[key]})" if key in found.asks else ""))
                for key, value in found.keys.items()]  # fmt: skip
-    tables: list[Table] = [("The file, as guessed", guessed), ("The recording", facts.lines())]
-    return Inspection(str(path), tables, [(path.name, one) for one in facts.findings], facts.clean, written)
+    tables: list[Table] = [("The file, as guessed", guessed), (f"The recording {recording.name}", facts.lines())]
+    findings = [(Path(recording.path).name, one) for one in facts.findings]
+    notes = [f"Note: {remark}"] if len(files) > 1 else []
+    return Inspection(str(path), tables, findings, facts.clean, written, notes=notes)
+
+
+def _listed(file: Path, found: Guess, recording: Recording, data_root: str | Path) -> Listed:
+    """A file as the draft lists it, with its own days where times are of a clock."""
+    if not found.clock:
+        return Listed(under(file, data_root))
+    day, days = (
+        (recording.day, recording.days) if recording.people or str(file) == recording.path else first_day(file, found)
+    )
+    return Listed(under(file, data_root), day, days)
 
 
 def inspect_dataset(path: str | Path, data_root: str | Path) -> Inspection:
@@ -144,11 +191,3 @@ def _of_dataset(dataset: Dataset, looked: list[Facts]) -> list[tuple[str, str]]:
         ("a run takes", f"about {max(seconds / 60, 1):.0f} min of one core for each seed and {_MEMORY_MB} MB, without "
          "networks, whose trainings take up to an hour each; within a factor of two or three"),
     ]  # fmt: skip
-
-
-def _under(path: Path, data_root: str | Path | None) -> str:
-    """A file's path under the data root, or the whole one."""
-    root = Path(data_root).resolve() if data_root else None
-    if root and path.resolve().is_relative_to(root):
-        return os.path.relpath(path.resolve(), root)
-    return str(path.resolve())
