@@ -274,6 +274,10 @@ CHECKS = (
           "`recordings`, `split`"),
     Check("untrained_place", "test rows in 1 m cells with training rows", "warns below half, stops below a tenth",
           "`recordings`, `units`, `origin_m`"),
+    Check("horizon", "how long test tracks last after what is observed", "warns where none lasts `horizon_s`",
+          "`horizon_s`, `observed_rows`"),
+    Check("hours", "training rows in every hour of `hours`", "warns where an hour has none",
+          "`hours`, `timezone`, `start`"),
 )  # fmt: skip
 _SAYS = {"walking_speed": {"extent", "jumps"}, "not_measured": {"jumps"}}  # what others only repeat
 
