@@ -132,3 +132,24 @@ def test_times_of_a_clock_and_a_start_in_a_dataset_file(tmp_path):
     )
     with pytest.raises(DataError, match=r"d\.yaml: recordings: start .09:00.: .*leave it out"):
         load_dataset(path, tmp_path)
+
+
+@pytest.mark.parametrize("key", ["only", "without"])
+@pytest.mark.parametrize("text", ["Pedestrian", "pedestrian ", "PEDESTRIAN"])
+def test_a_text_to_choose_rows_by_that_the_file_writes_otherwise(tmp_path, key, text):
+    """Cars that `without` misses would walk among the people."""
+    path = file_of(
+        tmp_path / "a.csv", lambda p, *row: comma(p, *row) + f",{'car' if p % 2 else 'pedestrian'}", "id,t,x,y,k"
+    )
+    told = refusal(path, header=True, columns=PLACES, **{key: {"k": [text]}})
+    assert f"{key}: {{k: [{text}]}}" in told
+    assert "writes 'pedestrian'" in told
+
+
+def test_a_text_to_choose_rows_by_that_no_row_has(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + ",walker", "id,t,x,y,k")
+    told = refusal(path, header=True, columns=PLACES, only={"k": ["adult", "child"]})
+    assert "column 'k' holds 'walker'" in told
+    form = check(FileFormat, {"header": True, "columns": PLACES, "without": {"k": ["car"]}}, "test")
+    tracks, _ = clean_recording(path, form, Recording())  # a recording without cars is one
+    assert len(tracks.t) == len(ROWS)

@@ -355,3 +355,123 @@ def test_a_path_under_the_data_root_is_relative_also_through_a_link(tmp_path, mo
     assert yaml.safe_load(inspect_file("data/site/a.csv", "~/data").draft)["recordings"][0]["files"] == "site/a.csv"
     outside = inspect_file("disk/a.csv", "data")
     assert "decide" in next(line for line in outside.draft.splitlines() if "a.csv" in line)
+
+
+# --- columns that are not what they may seem ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("header", ["id,t,x,y", ""])
+def test_a_row_number_is_no_position(tmp_path, header):
+    """As pandas and R write it: with a header, that has a name less."""
+    path = file_of(tmp_path / "a.csv", lambda n: f"{n},{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", header)
+    keys, _, _ = drafted(path, tmp_path)
+    assert keys["columns"] == {"track_id": 1, "t": 2, "x": 3, "y": 4}
+
+
+def test_a_second_time_is_no_position(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda n: f"{FRAME[n]},{T[n]:.1f},{PERSON[n]},{X[n]:.3f},{Y[n]:.3f}")
+    keys, _, _ = drafted(path, tmp_path)
+    assert {role: keys["columns"][role] for role in ("track_id", "x", "y")} == {"track_id": 2, "x": 3, "y": 4}
+
+
+def test_angles_are_no_positions(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]},{T[n]:.1f},{np.hypot(X[n], Y[n]):.3f},{np.arctan2(Y[n], X[n]):.4f}",
+        "id,t,range,bearing",
+    )
+    assert "no choice of id, time, x and y" in refused(path)
+
+
+@pytest.mark.parametrize("names", ["secs,nsecs", "stamp_sec,stamp_nanosec"])
+def test_times_in_two_columns_of_seconds_and_less(tmp_path, names):
+    rows = people(number=20, rows=60, step_s=0.2)
+    lines = [f"{int(t)},{round(t % 1 * 1e9):d},{int(p)},{x:.3f},{y:.3f}" for p, t, x, y, _, _ in rows]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([f"{names},id,x,y", *lines]) + "\n")
+    assert "add them up" in refused(path)
+
+
+def test_a_first_row_that_was_not_measured_is_no_header(tmp_path):
+    def line(n):
+        return f"{PERSON[n]},{T[n]:.1f}," + ("NULL,NULL" if n % 7 == 0 else f"{X[n]:.3f},{Y[n]:.3f}")
+
+    keys, _, _ = drafted(file_of(tmp_path / "a.csv", line, "id,t,x,y"), tmp_path)
+    assert keys["columns"] == PLACES
+    assert "skip_lines" not in keys
+
+
+def test_robots_among_the_ids(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{'Robot_1' if PERSON[n] == 4 else PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}",
+        "id,t,x,y",
+    )
+    keys, draft, tracks = drafted(path, tmp_path)
+    assert keys["without"] == {"id": ["Robot_1"]}
+    assert "decide" in line_of(draft, "without")
+    assert sum(len(part.t) for part in tracks) == (PERSON != 4).sum()
+
+
+@pytest.mark.parametrize("unit", ["km", "standing", "minutes of iso"])
+def test_where_nothing_gives_a_walking_speed_positions_stay_metres_and_are_asked_about(tmp_path, unit):
+    def line(n):
+        if unit == "km":
+            return f"{PERSON[n]},{T[n]:.2f},{X[n] / 1000:.6f},{Y[n] / 1000:.6f}"
+        if unit == "standing":
+            return f"{PERSON[n]},{T[n] + 0.01:.2f},{PERSON[n] + RNG.normal(0, 0.01):.3f},{RNG.normal(0, 0.01):.3f}"
+        return f"{PERSON[n]},2026-03-02T09:{int(T[n]) // 60:02d},{X[n]:.3f},{Y[n]:.3f}"
+
+    found = inspect_file(file_of(tmp_path / "a.csv", line, "id,t,x,y"), tmp_path)
+    keys = yaml.safe_load(found.draft)
+    assert "scale" not in keys
+    assert keys["units"]["length"] == "m"
+    assert "decide: positions have no unit, and no unit gives a walking speed" in line_of(found.draft, "units")
+
+
+def test_kilometres_by_name(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n] / 1000:.6f},{Y[n] / 1000:.6f}", "id,t,x_km,y_km"
+    )
+    keys, _, _ = drafted(path, tmp_path)
+    assert (keys["units"], keys["scale"]) == ({"length": "px"}, 1000.0)
+
+
+def test_times_that_go_back_within_an_id_are_asked_about(tmp_path):
+    """A clock that begins anew at midnight, or two recordings in one file."""
+    by_time = np.lexsort((PERSON, T))
+    midnight = file_of(
+        tmp_path / "a.csv",
+        lambda n: (
+            f"{PERSON[by_time[n]]},{(86_350 + T[by_time[n]]) % 86_400:.1f},{X[by_time[n]]:.3f},{Y[by_time[n]]:.3f}"
+        ),
+        "id,t,x,y",
+    )
+    assert "times go back" in drafted(midnight, tmp_path)[1]
+    for order in (np.arange(len(PERSON)), by_time, by_time[::-1], RNG.permutation(len(PERSON))):
+        path = file_of(
+            tmp_path / "b.csv",
+            lambda n, order=order: f"{PERSON[order[n]]},{T[order[n]]:.1f},{X[order[n]]:.3f},{Y[order[n]]:.3f}",
+            "id,t,x,y",
+        )
+        assert "times go back" not in drafted(path, tmp_path)[1]
+
+
+def test_times_from_each_person_s_own_begin_are_asked_about(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n] - 3 * PERSON[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", "id,t,x,y"
+    )
+    assert "begin at the same time" in drafted(path, tmp_path)[1]
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ('[{"id": 1, "t": 0.0, "x": 1.0, "y": 2.0},\n{"id": 1, "t": 1.0, "x": 2.0, "y": 2.0}]\n', "is JSON"),
+        ("id,t,x,y\n" + "".join(f"1,{n}s,{n}.5m,2.0m\n" for n in range(20)), "numbers with their units"),
+    ],
+)
+def test_other_tables_are_refused_with_the_reason(tmp_path, content, told):
+    path = tmp_path / "a.csv"
+    path.write_text(content)
+    assert told in refused(path)

@@ -14,6 +14,7 @@ LEAST_ROWS = 3
 LEAST_SHARE = 0.01  # of rows that one position, or of rows that stand twice at a time, must have
 REPEATED = 0.1
 MOST_TEXTS = 30  # of a column of classes
+LARGEST = 1000  # of a number that makes an id together with another one
 _PEOPLE = {"pedestrian", "pedestrians", "person", "persons", "people", "ped", "human", "humans", "walker"}
 _OTHERS = {
     *("car", "cars", "bus", "truck", "lorry", "van", "tram", "train", "vehicle", "vehicles", "taxi", "motorcycle"),
@@ -39,6 +40,7 @@ def choose(sheet: Sheet, values: Values, columns: Columns) -> Chosen:
     for column in set(range(len(sheet.rows[0]))) - places:
         _by_class(sheet, column, found)
     _by_lost(sheet, found)
+    _by_id(sheet, columns, found)
     found.rows[:] &= ~_not_seen(values, columns, found)
     return found
 
@@ -62,6 +64,18 @@ def _by_class(sheet: Sheet, column: int, found: Chosen) -> None:
         shown = ", ".join(sorted(kinds)[:8]) + (", ..." if len(kinds) > 8 else "")
         found.notes.append(f"decide: column {called!r} holds {shown}: if some are no people, or one id is several, "
                            "say so by `only`, `without` or `columns: {track_id: [...]}`")  # fmt: skip
+
+
+def _by_id(sheet: Sheet, columns: Columns, found: Chosen) -> None:
+    """Rows of what is no person by its id, such as `robot_1`."""
+    if columns.track_id is None:
+        return
+    texts = [row[columns.track_id] for row in sheet.rows]
+    others = sorted(text for text in set(texts) if set(re.findall("[a-z]+", text.lower())) & _OTHERS)
+    if 0 < len(others) <= MOST_TEXTS and len(others) < len(set(texts)):
+        found.keys.setdefault("without", {})[str(sheet.called(columns.track_id))] = others
+        found.asks["without"] = f"rows of {', '.join(others)} are left out, by their ids"
+        found.rows[:] &= ~np.isin(texts, others)
 
 
 def _by_lost(sheet: Sheet, found: Chosen) -> None:
@@ -106,7 +120,8 @@ def joint_ids(values: Values, columns: Columns) -> int | None:
     for column in set(range(values.codes.shape[1])) - {columns.track_id, columns.t, columns.x, columns.y}:
         codes = values.codes[:, column]
         kinds = len(np.unique(codes))
-        if 2 <= kinds <= MOST_TEXTS and (repeated := _repeated(ids * len(codes) + codes, t)) <= LEAST_SHARE:
+        small = not (np.abs(values.numbers[:, column]) > LARGEST).any()  # neither of times nor of places
+        if small and 2 <= kinds <= MOST_TEXTS and (repeated := _repeated(ids * len(codes) + codes, t)) <= LEAST_SHARE:
             found.append((repeated, kinds, column))
     return min(found)[2] if found else None
 

@@ -15,7 +15,7 @@ from modlhmp.file_format import LENGTH_M, FileFormat
 from modlhmp.inspection.chosen import choose, joint_ids
 from modlhmp.inspection.roles import Columns, Values, find_columns, one_person, pace_of, table_rows, values_of
 from modlhmp.inspection.sheet import Sheet, first_lines, read_sheet
-from modlhmp.inspection.unfit import PIXEL_M, refuse_unfit, refuse_without_columns
+from modlhmp.inspection.unfit import PIXEL_M, refuse_times_in_two, refuse_unfit, refuse_without_columns
 from modlhmp.inspection.velocities import velocity_columns
 from modlhmp.readers import read_recording
 from modlhmp.readers.delimited import MAX_DISTANCE_M, SECONDS
@@ -28,9 +28,12 @@ _RATE = re.compile(r"(?:frame ?-?rate|fps)\D{0,3}(\d+(?:\.\d+)?)", re.I)
 _IN_CM = re.compile(r"\bin (cm|mm|m)\b|[xy]\s?[/\[(]\s?(cm|mm|m)\b", re.I)
 _UNIX = {"s": (3e8, 7e9), "ms": (3e11, 7e12), "us": (3e14, 7e15), "ns": (3e17, 7e18)}  # years 1980 to 2190
 _NEAR = "this gives a walking speed, but so do others near it"
-_METRES = {**LENGTH_M, "ft": FOOT_M}
+_OTHERS_M = {"ft": FOOT_M, "km": 1000.0}  # units of length that there is no option for
+_METRES = {**LENGTH_M, **_OTHERS_M}
+SCALES = (0.002, 0.3)  # metres that a pixel may have
 PLAUSIBLE_MPS = (0.5, 2.5)  # of a unit that is taken without asking
 CAMERAS = (25.0, 30.0, 15.0, 10.0, 9.0, 5.0, 2.5, 1.0)  # frames per second, the commonest first
+MOST_BACK, RARELY = 10.0, 0.1  # usual steps that times may go back; share of rows in which they do, or of people
 MOST_PX = 4100  # of an image's longer side
 
 
@@ -96,6 +99,7 @@ def _of_table(path: str | Path | People) -> Guess:
     """How a table in text is written, column by column."""
     sheet = read_sheet(path, first_lines(path))
     values = values_of(sheet)
+    refuse_times_in_two(path, sheet, values)
     columns = find_columns(sheet, values, 0 if isinstance(path, People) else None)
     if columns is None:
         refuse_without_columns(path, sheet, values)
@@ -119,6 +123,7 @@ def _of_table(path: str | Path | People) -> Guess:
     found.keys["columns"] |= moving.columns
     found.keys |= {"units": {**found.keys.get("units", {}), **moving.units}} if moving.units else {}
     found.notes += [moving.left_out] if moving.left_out else []
+    _odd_times(values, columns, found)
     if columns.remarks:
         found.asks["columns"] = "; ".join(columns.remarks)
     return found
@@ -260,17 +265,36 @@ def _length(found: Guess, pace: float, extent: float, length: str | None) -> Non
         length = fitting[0]
         if length != "m":
             found.asks.setdefault("units", f"positions have no unit: {length} give {pace * LENGTH_M[length]:.2g} m/s")
-    if length == "ft":
-        length, found.keys["scale"] = "px", FOOT_M
-        found.asks["scale"] = "a foot, for which there is no unit"
+    scale = float(f"{USUAL_MPS / pace:.2g}") if pace > 0 else 1.0
+    if length in _OTHERS_M:
+        found.keys["scale"] = _OTHERS_M[length]
+        found.asks["scale"] = f"metres of {length}, for which there is no unit"
+        length = "px"
+    elif length is None and not SCALES[0] <= scale <= SCALES[1]:
+        length, found.asks["units"] = "m", "positions have no unit, and no unit gives a walking speed"
+        units["length"] = length
     elif length is None or length.startswith(("px", "pixel")):
-        scale = float(f"{USUAL_MPS / pace:.2g}") if pace > 0 else 1.0
         length, found.keys["scale"] = "px", scale
         found.asks["scale"] = f"metres per pixel are not in the file: this gives {USUAL_MPS:g} m/s, as is usual"
     if length != "m":
         units["length"] = length
     if not units:
         del found.keys["units"]
+
+
+def _odd_times(values: Values, columns: Columns, found: Guess) -> None:
+    """Remarks where times go back within an id here and there, or where everybody begins at the same one."""
+    ids, t = values.ids(columns), values.numbers[:, columns.t]
+    by_id = np.argsort(ids, kind="stable")  # rows of an id in the file's order
+    steps = np.diff(t[by_id])[np.diff(ids[by_id]) == 0]
+    back = steps < -MOST_BACK * np.median(np.abs(steps)) if len(steps) else steps
+    if 0 < np.sum(back) < RARELY * len(steps):
+        columns.remarks.append(
+            f"times go back within {np.sum(back)} ids: two recordings in one file, or a clock that begins anew?"
+        )
+    begins = [t[by_id][part].min() for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(ids[by_id])) + 1)]
+    if len(begins) >= 10 and np.mean(np.array(begins) == np.min(begins)) > 1 - RARELY:
+        found.notes.append("decide: all begin at the same time: is it counted from each one's own begin?")
 
 
 def _origin(found: Guess, rows: Tracks) -> None:

@@ -30,7 +30,8 @@ _BOXES = {"x": "bbleft left xmin bbx xtl boxleft x1", "y": "bbtop top ymin bby y
 _BOX = {name: role for role, names in _BOXES.items() for name in names.split()}
 _HEIGHTS = {"z", "posz", "zpos", "positionz", "coordcentz", "zest"}
 _UNIT = re.compile(
-    r"[\s_/(\[]+(?:in\s+)?(mm|cm|km/h|kmh|m/s|ms|us|ns|degrees|deg|rad|pixels?|px|ft|feet|m|s)[)\]\s]*$", re.IGNORECASE
+    r"[\s_/(\[]+(?:in\s+)?(mm|cm|km/h|kmh|m/s|ms|us|ns|degrees|deg|rad|pixels?|px|ft|feet|km|m|s)[)\]\s]*$",
+    re.IGNORECASE,
 )
 SMOOTH = 0.2  # a step of a person by the size of the place
 UNTIDY = 1.0  # of recordings it is below 0.5; of tables that are none, such as a map, above 1.5
@@ -143,6 +144,16 @@ def table_rows(values: Values, columns: Columns) -> tuple[Tracks, np.ndarray]:
     return Tracks(ids[order], t, x, y, unknown, unknown), order
 
 
+def _counts(part, clock, ids):
+    """Whether a column counts rows, or is another time: the same for all who are there at one time."""
+    rows = np.diff(part)
+    if len(rows) and (rows == 1).mean() > 0.95 and (np.diff(ids) == 0).mean() < 1:
+        return True
+    order = np.lexsort((part, clock))
+    together = np.diff(clock[order]) == 0
+    return together.sum() > 10 and (np.diff(part[order])[together] == 0).mean() > 0.99
+
+
 def pace_of(rows: Tracks) -> float:
     """The median speed of those who move, in the file's units; over some rows, so that jitter does not count."""
     longest = len(rows.t) // max(len(rows.bounds()) - 1, 1) // 4
@@ -239,7 +250,8 @@ def _score(values, owner, t, named):
     smooth = {}
     for column in range(values.numbers.shape[1]):
         part, spread = values.numbers[order, column], _spread(values, column)
-        if column not in (owner, t) and spread > 0:
+        taken = (owner, t, named.get("speed"), named.get("heading"))
+        if column not in taken and spread > 0 and not _counts(values.numbers[:, column], clock, ids):
             smooth[column] = float(np.nanmedian(np.abs(np.diff(part)[same])) / spread)
     places = [column for column, ratio in smooth.items() if ratio < SMOOTH]
     x = named.get("x", places[0] if places else None)

@@ -99,6 +99,11 @@ def _no_table(lines):
     first = lines[0].strip() if lines else ""
     if len(lines) == 1 and any(len(_fields(first, one)) >= _LEAST_COLUMNS for one in (";", "\t", ",", "|")):
         return f"has no row, only {first[:80]!r}; was the export cut off?"
+    if first.startswith(("[", "{")):
+        return "is JSON; export it as CSV, one row for each person and time, or as TrajNet++'s JSON lines"
+    fields = [field for line in lines[1:3] for separator in _SEPARATORS for field in _fields(line, separator)]
+    if suffixed := next((field for field in fields if re.fullmatch(r"-?\d+(\.\d+)? ?(m|cm|mm|s|ms|m/s)", field)), None):
+        return f"has numbers with their units, such as {suffixed!r}: write numbers alone"
     return f"holds no table of an id, a time and two positions in each line; it begins {first[:80]!r}"
 
 
@@ -144,7 +149,8 @@ def _fields(line, separator):
 
 
 def _is_data(row, numeric, marks):
-    return all(number(row[column], *marks) is not None for column in numeric) and any(row[c] for c in numeric)
+    """Whether a row holds numbers where others do; some may not have been measured."""
+    return sum(bool(row[column]) and number(row[column], *marks) is not None for column in numeric) * 2 >= len(numeric)
 
 
 def _names_in(comments, width):

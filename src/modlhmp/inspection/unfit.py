@@ -20,10 +20,22 @@ _DEGREES = {"lat", "latitude", "lon", "long", "lng", "longitude"}
 _LONGER = {"minutes": 60.0, "hours": 3600.0, "days": 86_400.0}  # units of time that there is no option for
 _NAMES_OF = {"min": "minutes", "mins": "minutes", "minute": "minutes", "hour": "hours", "hrs": "hours", "day": "days"}
 _CLOCK = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
+_OF_A_SECOND = re.compile(r"(nanosec|nsec|nanosecond)s?$")
 _NUMBERED = re.compile(r"(?:pos)?([xy])(\d+)", re.IGNORECASE)
 _SPREADSHEET = (20_000, 80_000)  # days since the last of 1899: of the years 1954 to 2119
 _FINE = 0.02  # units of time between rows: in seconds 50 times a second, in minutes about once
 _WALKS_MPS = (0.3, 3.0)
+
+
+def refuse_times_in_two(path: str | Path | People, sheet: Sheet, values: Values) -> None:
+    """`DataError` where a column holds what times have beyond whole seconds."""
+    for column, name in enumerate(sheet.names):
+        part = values.numbers[:, column]
+        if _OF_A_SECOND.search(re.sub(r"[^a-z]", "", name.lower())) and np.nanmax(part, initial=0) < 1e9:
+            raise DataError(
+                f"{path}: column {sheet.called(column)!r} holds what times have beyond whole seconds: add them up into "
+                "one column"
+            )
 
 
 def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Values) -> NoReturn:
