@@ -288,6 +288,10 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
             raise DataError(
                 f'{path}: the files have no clock; every entry of `recordings` needs a `start`, such as "09:00"'
             )
+        if entry.start is not None and file.units.time == "iso":
+            raise DataError(
+                f"{path}: recordings: start {entry.start!r}: times are of a clock already (`iso`): leave it out"
+            )
         if entry.start is not None and not re.fullmatch(_CLOCK, entry.start):
             raise DataError(f'{path}: recordings: start {entry.start!r} is no clock time such as "09:00"')
 

@@ -253,6 +253,46 @@ def test_times_that_start_anew_are_found_whatever_the_blocks():
         assert account.notes["rows_out_of_time_order"] > 290
 
 
+@pytest.mark.parametrize("length", ["m", "cm"])
+@pytest.mark.parametrize("values", [(0, 0), (-1, -1), (20, 15), (-999, -999)])
+@pytest.mark.parametrize("runs", [1, 4])
+def test_a_place_that_stands_for_not_seen(tmp_path, values, runs, length):
+    """Also one in the middle of the place, where nobody would be cut for going there and back."""
+    table = people(number=30, standing=0)
+    if values == (20, 15):  # where some people walk
+        table[:, 2:4] += [8, 6]
+    unseen = np.repeat(np.random.default_rng(1).random(len(table) // runs + 1) < 0.1, runs)[: len(table)]
+    metres = {"m": 1.0, "cm": 0.01}[length]
+    table[unseen, 2:4] = np.multiply(values, metres)
+    described = form(PLACES, units={"length": length})
+    found = findings(write(tmp_path / "a.csv", table, length=length, moving=False), described)
+    (told,) = [one for one in found if one.check in ("not_measured", "jumps")]
+    assert (told.check, told.severity) == ("not_measured", "stop")
+    assert f"`missing: {{x: {values[0]}, y: {values[1]}}}`" in told.remedy
+    named = form(PLACES, units={"length": length}, missing={"x": values[0], "y": values[1]})
+    assert findings(tmp_path / "a.csv", named) == []
+
+
+def test_places_where_many_people_are_stand_for_nothing(tmp_path):
+    table = people(number=40)
+    rows = np.arange(len(table)) % 20
+    at_door = table.copy()
+    at_door[rows < 2, 2:4] = [20.0, 15.0]  # where everybody comes in, and is seen twice
+    coarse = table.copy()
+    coarse[:, 2:4] = np.round(coarse[:, 2:4])
+    for number, one in enumerate((at_door, coarse)):
+        found = findings(write(tmp_path / f"{number}.csv", one, moving=False), form(PLACES))
+        assert "not_measured" not in [told.check for told in found]
+
+
+def test_a_place_far_away_that_stands_for_not_seen(tmp_path):
+    table = people(number=30)
+    table[np.random.default_rng(1).random(len(table)) < 0.1, 2:4] = 9999
+    (told,) = findings(write(tmp_path / "a.csv", table, moving=False), form(PLACES))
+    assert told.check == "absurd_rows"
+    assert "`missing`" in told.remedy
+
+
 def test_longitude_and_latitude(tmp_path):
     table = people()
     table[:, 2] = 11.5 + table[:, 2] / 75_000

@@ -60,7 +60,13 @@ def _read_table(path, form, limits, origin):
     if isinstance(path, People):
         moved = {field: column if isinstance(column, str) else column + 1 for field, column in columns.items()}
         layout |= {"columns": {"track_id": FILE_COLUMN if form.header else 0, **moved}, "skip_lines": 0}
+        for key in ("only", "without"):  # the name of the file stands before the other columns
+            layout[key] = {_next(column): texts for column, texts in getattr(form, key).items()}
     return read_delimited(path, {**layout, "origin": origin}, limits, form.time_step_s)
+
+
+def _next(column):
+    return str(int(column) + 1) if column.isdecimal() else column
 
 
 def _day_and_origin(timezone: str, day: str, start: str | None, days: int) -> tuple[tuple[float, float], float]:

@@ -3,10 +3,7 @@
 Two threads parse ahead of the caller. Every line is either returned as numbers or counted as dropped by name.
 """
 
-import codecs
-import csv
 import itertools
-import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -18,33 +15,14 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
-from modlhmp.readers.hints import hint
 from modlhmp.readers.lines import byte_kinds, plain_ids, scan
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People, line_blocks
+from modlhmp.readers.start import Form, fields_of, look_at_start, single_blanks
 from modlhmp.storage import DataError
 
 THREADS = 2
 NO_ID = -(2**63)  # in the column of ids, where a row has none
-
-
-class Form(NamedTuple):
-    """Form of a file: its columns of numbers and of text, field by field, and how its lines are written.
-
-    `numbers` and `texts` map a field to its positions among `width` columns; a text of several columns is joined by
-    slashes. `separator` None stands for any blanks. `ids` is the position of ids that may be plain numbers, -1 where
-    there is none: they are read as text only where a block has others. `header` holds the names in the first row.
-    """
-
-    numbers: dict[str, int]
-    texts: dict[str, tuple[int, ...]]
-    width: int
-    separator: str | None
-    decimal: str
-    thousands: str
-    comment: str
-    ids: int
-    header: list[str] | None
 
 
 class Parsed(NamedTuple):
@@ -68,7 +46,7 @@ def read_columns(
     `converters` give what a text stands for, by field: None where it is not one of its kind.
     """
     blocks = line_blocks(path)
-    form, block, row = _look_at_start(path, layout, next(blocks), frozenset(converters))
+    form, block, row = look_at_start(path, layout, next(blocks), frozenset(converters))
     with ThreadPoolExecutor(THREADS) as pool:
         for future in _parsed_ahead(pool, form, itertools.chain([block], blocks)):
             parsed = future.result()
@@ -88,7 +66,7 @@ def _parsed_ahead(pool, form, blocks):
 
 def parse(form: Form, block: bytes) -> Parsed:
     """Parse the regular lines of a block of whole lines; safe to run in threads."""
-    block = _with_single_blanks(block) if form.separator is None else block
+    block = single_blanks(block) if form.separator is None else block
     separator = form.separator or " "
     numbers = np.isin(np.arange(form.width), list(form.numbers.values()))
     comment = ord(form.comment[0]) if form.comment else -1
@@ -127,84 +105,6 @@ def parse(form: Form, block: bytes) -> Parsed:
 
 def _numbers(column):
     return np.from_dlpack(column.fill_null(np.nan).combine_chunks())
-
-
-def _with_single_blanks(block):
-    """Lines whose fields are separated by runs of blanks and tabs, one blank between fields and none around them."""
-    block = re.sub(rb"[ \t]+", b" ", block)
-    return re.sub(rb"(?m)^ | (?=\r?$)", b"", block)
-
-
-def _look_at_start(path, layout, block, texts):
-    """From the first row: the form of the file, the block from that row on, rows before it."""
-    if block[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        raise DataError(f"{path}: is UTF-16 text; save it as UTF-8")
-    block = block.removeprefix(codecs.BOM_UTF8)
-    before, comment = 0, layout.get("comment") or ""
-    for _ in range(layout.get("skip_lines") or 0):
-        _, _, block = block.partition(b"\n")
-        before += 1
-    first, _, rest = block.partition(b"\n")
-    while rest and (not first.strip() or (comment and first.lstrip().startswith(comment.encode()))):
-        if not comment and not layout.get("skip_lines"):
-            break  # a blank line is counted
-        block, before = rest, before + 1
-        first, _, rest = block.partition(b"\n")
-    separator, header = layout.get("separator", ","), layout.get("header")
-    form = Form({}, {}, 0, separator, layout.get("decimal") or ".", layout.get("thousands") or "", comment, -1, None)
-    line = _with_single_blanks(first) if separator is None else first
-    names = _fields(line.decode("utf-8", "replace"), separator)
-    row = before + 1
-    if not header and not any(_is_number(name, form) for name in names) and not _all_text(layout, texts):
-        raise DataError(
-            f"{path}, row {row}: {first.decode(errors='replace')[:80]!r} {hint(block, layout) or _NO_HEADER}"
-        )
-    if header and all(_is_number(name, form) for name in names):
-        raise DataError(
-            f"{path}, row {row}: only numbers, but `header: true` says that it names the columns; drop that key"
-        )
-    if layout.get("width") and len(names) != layout["width"]:
-        raise DataError(
-            f"{path}, row {row}: {len(names)} columns, but this format has {layout['width']}: is `reader` right?"
-        )
-    numbers, joined = {}, {}
-    for field, column in layout["columns"].items():
-        several = column if isinstance(column, list | tuple) else [column]
-        positions = tuple(_position(path, row, field, one, names, header, block, layout) for one in several)
-        if field in texts:
-            joined[field] = positions
-        else:
-            numbers[field] = positions[0]
-    ids = joined.get("track_id", ())
-    form = form._replace(
-        numbers=numbers, texts=joined, width=len(names), ids=ids[0] if len(ids) == 1 else -1,
-        header=names if header else None,
-    )  # fmt: skip
-    return form, rest if header else block, before + bool(header)
-
-
-_NO_HEADER = "is a header where numbers are expected; remove that line, or use `reader: delimited` with `header: true`"
-
-
-def _all_text(layout, texts):
-    """Whether no column is one of numbers."""
-    return set(layout["columns"]) <= texts
-
-
-def _position(path, row, field, column, names, header, block, layout):
-    """Position of a column that the layout gives by position or, with a header, by name."""
-    if isinstance(column, int) and column < len(names):
-        return column
-    if header and names.count(column) > 1:
-        raise DataError(f"{path}, row {row}: {names.count(column)} columns are called {column!r}; use positions")
-    if not header or column not in names:
-        known = names if header else [f"positions 0 to {len(names) - 1}"]
-        advice = hint(block, layout)
-        raise DataError(
-            f"{path}, row {row}: no column {column!r} for {field}; it has {', '.join(known)}"
-            + (f"; this {advice}" if advice else "")
-        )
-    return names.index(column)
 
 
 def _finish(path, form, parsed, rows_before, account, converters):
@@ -294,12 +194,12 @@ def _belonging(columns, form, account):
 
 def _one_row(path, form, text, row, account, converters):
     """Values of one line by field, or None once it is counted as dropped."""
-    fields, example = _fields(text, form.separator), f"row {row}: {text[:80]!r}"
+    fields, example = fields_of(text, form.separator), f"row {row}: {text[:80]!r}"
     if not text.strip():
         account.drop_rows("blank_line", 1, example)
     elif form.comment and text.lstrip().startswith(form.comment):
         account.drop_rows("comment_line", 1, example)
-    elif form.header is not None and _fields(text.removeprefix("\ufeff"), form.separator) == form.header:
+    elif form.header is not None and fields_of(text.removeprefix("\ufeff"), form.separator) == form.header:
         account.drop_rows("header_again", 1, example)
     elif len(fields) != form.width:
         account.drop_rows("wrong_column_count", 1, example)
@@ -316,17 +216,6 @@ def _one_row(path, form, text, row, account, converters):
     return None
 
 
-def _fields(line, separator):
-    """Fields of a line, quotes and blanks around them removed; a line of unbalanced quotes is one field."""
-    line = line.strip("\r\n")
-    if '"' in line:
-        try:
-            return [field.strip() for field in next(csv.reader([line], delimiter=separator or " ", strict=True))]
-        except (csv.Error, StopIteration):
-            return [line]
-    return [field.strip() for field in line.split(separator or " ")]
-
-
 def _lines(block, ends, chosen):
     """The bytes of the chosen lines; the block itself where all are."""
     if chosen.all():
@@ -335,7 +224,3 @@ def _lines(block, ends, chosen):
     # One piece per run of neighbouring lines.
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
     return b"".join(block[starts[i] : ends[j - 1] + 1] for i, j in edges.reshape(-1, 2))
-
-
-def _is_number(text, form):
-    return number(text, form.decimal, form.thousands) is not None

@@ -11,6 +11,7 @@ from modlhmp.datasets import Dataset, folds, load_dataset, validation_part
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import check, unknown
 from modlhmp.storage import DataError
+from modlhmp.study import lacks
 from modlhmp.study.settings import RunSettings
 
 MOST_NAME_BYTES = 200  # of a recording: file systems allow 255, and results have suffixes
@@ -140,7 +141,7 @@ def load_datasets(
         hourly = [name for name in run.methods_run if run.kind(name).hourly]
         if dataset.clock == "unknown" and hourly:
             raise DataError(
-                f"{Path(folder) / dataset.name}.yaml: its `clock` is unknown, so there are no maps by hours: leave "
+                f"{Path(folder) / dataset.name}.yaml: {lacks.NO_CLOCK}: leave "
                 f"{', '.join(hourly)} out of `compare` and the ladder"
             )
         _check_paths(dataset, Path(folder) / f"{dataset.name}.yaml")

@@ -13,7 +13,7 @@ from modlhmp import datasets, file_format, kinds, options, site
 from modlhmp.plausibility import CHECKS
 from modlhmp.settings import fields_of, json_schema
 from modlhmp.storage import write_text
-from modlhmp.study import settings
+from modlhmp.study import lacks, settings
 from modlhmp.study.exhibits import EXHIBITS
 
 ROOT = Path(__file__).parents[3]
@@ -109,6 +109,7 @@ def tables() -> dict[str, str]:
         "dataset": table(datasets.DatasetFile, required=datasets.REQUIRED),
         "checks": checks(),
         "exhibits": exhibits(),
+        "lacks": lacking(),
         "equations": places(),
         "dataset sections": "\n\n".join(f"#### `{name}`\n\n{table(cls)}" for name, cls in DATASET_SECTIONS.items()),
     }
@@ -136,6 +137,16 @@ def exhibits() -> str:
     for one in EXHIBITS:
         name, paper = one.name.replace("{label}", "<label>"), one.paper or "not in the paper"
         lines.append(f"| `{name}` | {one.title} | {paper} | `{one.rule}` | `{one.module}` |")
+    return "\n".join(lines)
+
+
+def lacking() -> str:
+    """What a dataset cannot have: where, what a run shows there, and in which exhibits."""
+    lines = ["| where | the run shows | exhibits |", "|---|---|---|"]
+    for lack in lacks.ALL:
+        names = [f"`{one.name}`".replace("{label}", "<label>") for one in EXHIBITS if lack in one.lacks]
+        shown = re.sub(r"\{.*?\}", "...", lack.text)
+        lines.append(f"| {lack.where} | {shown} | {', '.join(names)} |")
     return "\n".join(lines)
 
 

@@ -19,6 +19,7 @@ from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.methods import Method, make_forecaster
 from modlhmp.scenes import read_scenes
 from modlhmp.scoring.uncertainty import samples_of
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.exhibits.selection import Example, errors_at, example_track
 from modlhmp.study.layout import Layout
@@ -98,7 +99,7 @@ def example(
     steps = dataset.steps
     track = example_track(errors_at(layout.errors(dataset.name, next(iter(methods))), steps))
     if track is None:
-        return None, f"no test track of {dataset.horizon_s:g} s", {}
+        return None, lacks.NO_TRACK.text.format(horizon=dataset.horizon_s), {}
     person = paths.person_paths(layout.tracks(dataset.name, track.recording), track.track_id, dataset, steps)
     forecast = forecast_again(layout, dataset, method, track, samples, seed)
     median = with_output(forecast, "geometric_median")

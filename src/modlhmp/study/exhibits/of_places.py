@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from modlhmp.datasets import Dataset
+from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
 from modlhmp.study.plan import Plan
 
@@ -108,6 +109,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         caption="Time-conditioned CLiFF-map at a few hours: mean of the heaviest component of each location. Colour "
         "encodes orientation, length encodes speed. The number of locations is above each panel.",
         **_maps("tc_cliff"),
+        lacks=(lacks.NO_CLOCK, lacks.NO_MAP),
     ),
     Exhibit(
         name="stef-{label}-time",
@@ -120,6 +122,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "Colour encodes orientation; the map has no speed, so all arrows are equally long. The number of cells is "
         "above each panel.",
         **_maps("stef"),
+        lacks=(lacks.NO_CLOCK, lacks.NO_CELL),
     ),
     Exhibit(
         name="cliff-{label}-time-one-location",
@@ -132,6 +135,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "Colour encodes orientation, length speed (the circle is 1 m/s), transparency the weight; n is the number of "
         "observations. The location is the one whose quietest hour is the busiest.",
         **_maps("tc_cliff", "cliff", floor_plan=False),
+        lacks=(lacks.NO_CLOCK, lacks.NOT_HERE, lacks.NO_LOCATION),
     ),
     Exhibit(
         name="{label}_mod",
@@ -144,6 +148,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "location and all orientations of each cell. Colour encodes orientation, transparency the component's weight "
         "or the orientation's probability, length the speed, which STeF does not have.",
         **_maps("tc_cliff", "stef"),
+        lacks=(lacks.NO_CLOCK, lacks.NO_MAP),
     ),
     Exhibit(
         name="rank",
@@ -160,6 +165,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_examples,
         asks=_titles,
         memory_mb=FORECAST_MB,
+        lacks=(lacks.NO_TRACK, lacks.NO_RANKS),
     ),
     Exhibit(
         name="prediction_example",
@@ -175,6 +181,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_examples,
         asks=_titles,
         memory_mb=FORECAST_MB,
+        lacks=(lacks.NO_TRACK,),
     ),
     Exhibit(
         name="memory-maps",
@@ -191,6 +198,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=lambda plan, datasets: {"methods": _with_memory(plan)},
         wanted=lambda plan: len(_with_memory(plan)) == 2,
         memory_mb=FORECAST_MB,
+        lacks=(lacks.NO_TRACK,),
     ),
     Exhibit(
         name="density",
@@ -206,6 +214,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=_density_asks,
         wanted=_measures,
         memory_mb=FORECAST_MB,
+        lacks=(lacks.NO_TRACK,),
     ),
     Exhibit(
         name="calibration",
@@ -220,6 +229,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_uncertainty,
         asks=lambda plan, datasets: {"methods": plan.titles, "measured": plan.measured},
         wanted=_measures,
+        lacks=(lacks.NOT_AS_LONG,),
     ),
     Exhibit(
         name="tab_uncertainty",

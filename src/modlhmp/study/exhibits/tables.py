@@ -10,6 +10,7 @@ from modlhmp.scoring.errors import lengths_counted
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.site import Site
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits.selection import main_rows, scored_of
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
@@ -193,7 +194,7 @@ def _count(row):
 def _walls(row):
     """Share [%] of the forecasts that come inside a wall, and of the true paths."""
     if not np.isfinite(row["infeasible"]):
-        return "no floor plan" if np.isfinite(row["n"]) else "not run"
+        return str(lacks.NO_PLAN) if np.isfinite(row["n"]) else "not run"
     return f"{100 * row['infeasible']:.1f} ({100 * row['truth_infeasible']:.1f})"
 
 
