@@ -21,6 +21,7 @@ from modlhmp.arguments import (
     truth_of,
 )
 from modlhmp.cleaning import check_rules, clean_recording
+from modlhmp.exchange import PARQUET, is_parquet, read_tables, write_tables
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.futures import Futures, Scores, whole_steps
 from modlhmp.kinds import find
@@ -122,12 +123,19 @@ class Map:
         if not hourly and (self.whole is None or self.hours):
             raise DataError(f"Map: a map of kind {self.kind} is one table, `whole`")
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, form: str = PARQUET, **how: Any) -> None:
         """Write it to `path`: a Parquet file, or a folder of the hours' files for a kind that has a map per hour.
 
-        A table of the whole day beside the hours is `day.parquet` in that folder.
+        A table of the whole day beside the hours is `day.parquet` in that folder. `form` names another form, such as
+        `xml` for the ROS tools (`docs/maps.md` lists them, with what each can carry), `how` are its options, such as
+        `header=True`. `DataError` where that form cannot carry the map.
         """
         path, hourly = path_of("Map.save", path), find(self.kind).hourly
+        if form != PARQUET:
+            write_tables(path, self.kind, self.whole, self.hours, form, self.site, **how)
+            return
+        if how:
+            raise DataError(f"Map.save: {next(iter(how))}: form parquet has no options; leave it out")
         files: dict[Path, tuple[pa.Table, dict[str, int]]] = {}
         if hourly and path.exists() and not path.is_dir():
             raise DataError(f"{path}: a file is there; a map of kind {self.kind} is a folder, so give another name")
@@ -179,12 +187,32 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
     return built
 
 
-def load_map(path: str | Path) -> Map:
-    """Load a map that `Map.save` or the workflow wrote: a file, or a folder of hours; `DataError` where it is none."""
+def load_map(
+    path: str | Path,
+    form: str | None = None,
+    *,
+    site: Site | None = None,
+    origin_m: tuple[float, float] | None = None,
+    **how: Any,
+) -> Map:
+    """Load a map that `Map.save` or the workflow wrote, or a published one in another form (`docs/maps.md`).
+
+        published = modlhmp.load_map("atc-20121024-cliff.csv", site=modlhmp.Site(timezone="Asia/Tokyo"))
+
+    A map is a file, or a folder of hours. `form` is found from the content where that is unmistakable; with a foreign
+    form `site` is of the place, `origin_m` moves the map to recordings that were moved so, and `how` are the form's own
+    options. What was wrong in a foreign file and could be repaired is logged with counts.
+    `DataError` names the file, the row, the value and the remedy.
+    """
     path = path_of("load_map", path)
+    if not is_parquet(path, form):
+        of_place = site_of(site)
+        kind_name, day, by_hour = read_tables(path, form, of_place, origin_m, **how)
+        return Map(kind_name, of_place, day, by_hour)
+    asked = {"site": site, "origin_m": origin_m, **how}
+    if given := [name for name, value in asked.items() if value is not None]:
+        raise DataError(f"load_map: {path}: {given[0]}: it holds its site and its frame itself; leave it out")
     files = hour_files(path) if path.is_dir() else {}
-    if path.is_dir() and not files:
-        raise DataError(f"{path}: a folder without a map; a map by hours has files such as 09.parquet")
     first = next(iter(files.values()), path)
     tables = {hour: read_parquet(file) for hour, file in files.items()}
     whole = None if files else read_parquet(path)

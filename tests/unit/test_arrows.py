@@ -16,6 +16,7 @@ STAGES = [
     ("readers",),
     ("motion", "speed_units", "plausibility", "splits", "cleaning"),
     ("maps",),
+    ("exchange",),
     ("forecasting",),
     ("scoring",),
     ("networks",),

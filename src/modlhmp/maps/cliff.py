@@ -64,7 +64,7 @@ def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | No
         p = np.array([len(np.unique(seen[mine])) for mine in members])[table[:, 0].astype(int)] / observed
     columns = zip(COLUMNS, (*table.T, p, np.ones(len(table))), strict=True)
     return pa.table({name: values.astype(TYPES.get(name, float)) for name, values in columns}).replace_schema_metadata(
-        {"resolution": str(resolution_m)}
+        {"resolution": str(resolution_m), "radius": str(building.radius_m)}
     )
 
 
