@@ -12,6 +12,7 @@ from modlhmp import DataError, Site
 from modlhmp.contract import SITE, crowd
 from modlhmp.exchange import imported
 from modlhmp.exchange.forms import FORMS
+from modlhmp.maps.base import check_frame
 from modlhmp.maps.cliff import COLUMNS
 from modlhmp.storage import column
 from modlhmp.tracks import Tracks
@@ -217,6 +218,25 @@ def test_a_map_is_moved_to_the_recordings(maps, tmp_path):
         )
         near = modlhmp.load_map(tmp_path / name, origin_m=(400_000, 400_000))
         np.testing.assert_allclose(column(near.whole, "x"), column(maps["cliff"].whole, "x"), atol=1e-3)
+
+
+def test_walkers_of_another_frame(maps):
+    """A map that nobody is on is refused, with what it spans and where they are; some of them on it are enough."""
+    table, x = maps["cliff"].whole, np.linspace(-5, 5, 11)
+    assert check_frame("here", [table], x, np.zeros(11)) == 1
+    assert check_frame("here", [table], np.append(x, 11 * [1000.0]), np.zeros(22)) == 0.5
+    message = r"here: the map is of -\d+ to \d+ x -\d+ to \d+ m, and all walkers are in 995 to 1005 x 0 to 0 m"
+    refused(message, check_frame, "here", [table], x + 1000, np.zeros(11))
+
+
+def test_a_forecast_far_from_a_published_map_is_told(maps, tmp_path, caplog):
+    maps["cliff"].save(tmp_path / "a.csv", form="matlab")
+    theirs = modlhmp.load_map(tmp_path / "a.csv", form="matlab")
+    for by, told in ((0.0, 0), (3000.0, 1)):
+        caplog.clear()
+        history = np.stack([1.3e9 + np.arange(4.0), by + np.arange(4.0), np.zeros(4)], axis=1)
+        assert modlhmp.forecast(theirs, history, k=2).left(1).min() == told
+        assert sum("another frame?" in message for message in caplog.messages) == told
 
 
 # --- which order it is ------------------------------------------------------------------------------------------------

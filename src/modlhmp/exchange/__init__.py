@@ -11,13 +11,14 @@ from typing import Any
 import pyarrow as pa
 
 from modlhmp.exchange import stef_forms
-from modlhmp.exchange.forms import FORMS, MAGIC, PARQUET, Form, Repaired, find_form, recognise
+from modlhmp.exchange.forms import FORMS, Form, Repaired, find_form, recognise
+from modlhmp.exchange.parquet import PARQUET, is_parquet
 from modlhmp.exchange.rows import Source
 from modlhmp.maps import stef
 from modlhmp.maps.base import DAY, hour_files
 from modlhmp.settings import check
 from modlhmp.site import Site
-from modlhmp.storage import DataError, write_text
+from modlhmp.storage import DataError, read_metadata, read_parquet, write_text
 
 Tables = tuple[str, pa.Table | None, dict[int, pa.Table]]  # kind, of the whole day, {hour: of that hour}
 IMPORTED = b"imported"  # in a table's metadata: JSON of the file, its SHA-256, its form, and what was repaired
@@ -51,17 +52,23 @@ def hour_sources(path: str | Path) -> dict[int | str, Path]:
     return found
 
 
-def is_parquet(path: str | Path, form: str | None = None) -> bool:
-    """Whether a map is in our own form: as `form` says, or by its files; what is not there is taken for one."""
+def map_files(path: str | Path) -> list[Path]:
+    """The files of a map, ours or foreign; `DataError` where there are none."""
     path = Path(path)
-    if form is not None:
-        return form == PARQUET
-    if path.is_dir():
-        return bool(hour_files(path))
-    if path.suffix == ".parquet" or not path.exists():
-        return "{hour}" not in path.name
-    with open(path, "rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
+    if path.is_dir() and (hours := hour_files(path)):
+        return [*hours.values(), *([path / DAY] if (path / DAY).exists() else [])]
+    return list(hour_sources(path).values()) or [path]
+
+
+def kind_in(path: str | Path, form: str | None = None) -> str:
+    """The kind of the map that a file or folder holds, from a look at its first file."""
+    first, path = map_files(path)[0], Path(path)
+    if is_parquet(path, form):
+        read_parquet(first, [])
+        return str(read_metadata(first).get("kind"))
+    source = read_source(first)
+    record = find_form(form or recognise(source))
+    return record.kinds[0 if first == path else -1]
 
 
 def read_tables(
@@ -131,7 +138,7 @@ def _table(record: Form, source: Source, how: Mapping[str, Any]) -> pa.Table:
 
 def _told(table: pa.Table, source: Source, record: Form, repaired: Repaired) -> pa.Table:
     """The table with what is known of its origin in its metadata; what was repaired is logged."""
-    about = ", ".join(f"{number} {what}" for what, number in repaired.items()) or "nothing to repair"
+    about = "; ".join(f"{number} {what}" for what, number in repaired.items()) or "nothing to repair"
     level = logging.WARNING if repaired else logging.INFO
     _LOG.log(level, "%s: read as form `%s`, %d rows: %s", source.name, record.name, table.num_rows, about)
     digest = hashlib.sha256(source.data).hexdigest()
