@@ -114,9 +114,9 @@ def test_what_cannot_be_built(folder, tmp_path, monkeypatch, capsys):
         ("cliff.csv", ("kind: cliff", "resolution 1", "from cliff.csv, form matlab")),
         ("tc_cliff", ("hours: 7 8", "whole day: ", "hour 08: ")),
         ("stef", ("hours: 7 8", "orientations 8")),
-        ("episodes.parquet", ("kind: episodes", "step 1.0", "person, t, x, y")),
+        ("episodes.parquet", ("kind: episodes", "step 1.0", "  t [s]: unix time")),
         ("snippets.parquet", ("cell 1.0", "past 3")),
-        ("exits.parquet", ("i, j, bin, left, rows",)),
+        ("exits.parquet", ("  left: people who left within",)),
     ],
 )
 def test_info(folder, name, parts):

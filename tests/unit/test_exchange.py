@@ -14,6 +14,7 @@ from modlhmp.exchange import imported
 from modlhmp.exchange.forms import FORMS
 from modlhmp.maps.base import check_frame
 from modlhmp.maps.cliff import COLUMNS
+from modlhmp.maps.columns import METADATA, described
 from modlhmp.storage import column
 from modlhmp.tracks import Tracks
 
@@ -237,6 +238,15 @@ def test_a_forecast_far_from_a_published_map_is_told(maps, tmp_path, caplog):
         history = np.stack([1.3e9 + np.arange(4.0), by + np.arange(4.0), np.zeros(4)], axis=1)
         assert modlhmp.forecast(theirs, history, k=2).left(1).min() == told
         assert sum("another frame?" in message for message in caplog.messages) == told
+
+
+@pytest.mark.parametrize("kind", ["cliff", "tc_cliff", "stef", "episodes", "snippets", "exits"])
+def test_every_column_of_every_map_is_documented(kind):
+    a_map = modlhmp.build_map(kind, crowd(), SITE)
+    for table in filter(None, (a_map.whole, *a_map.hours.values())):
+        assert list(described(table)) == table.column_names
+        assert all(meaning for _, meaning in described(table).values())
+        assert {key.decode() for key in table.schema.metadata} <= METADATA.keys()
 
 
 # --- which order it is ------------------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from modlhmp.exchange.parquet import PARQUET
 from modlhmp.exchange.rows import Source, table_text
 from modlhmp.maps import stef
 from modlhmp.maps.base import box_of
+from modlhmp.maps.columns import METADATA, described
 from modlhmp.maps.comparison import compare as compare_flows
 from modlhmp.maps.comparison import flows
 from modlhmp.site import Site
@@ -110,14 +111,17 @@ def info(
         facts += [
             f"{key.decode()} {value.decode()}"
             for key, value in (table.schema.metadata or {}).items()
-            if key.decode() in {"resolution", "radius", "orientations", "cell", "step", "past"}
+            if key.decode() in METADATA.keys() - {"imported", "modlhmp"}
         ]
         typer.echo(f"{name}: {', '.join(facts)}")
         if about := exchange.imported(table):
             typer.echo(f"  from {about['file']}, form {about['form']}, SHA-256 {about['sha256'][:12]}...")
             for what, number in about["repaired"].items():
                 typer.echo(f"  {number} {what}")
-    typer.echo(f"columns: {', '.join(_tables(loaded)[0][1].column_names)} (docs/maps.md)")
+    first = _tables(loaded)[0][1]
+    for name in first.column_names:
+        unit, meaning = described(first).get(name, ("", ""))
+        typer.echo(f"  {name}{f' [{unit}]' if unit else ''}{f': {meaning}' if meaning else ''}")
 
 
 @maps.command()

@@ -78,7 +78,7 @@ CLIFF = ("cliff", "tc_cliff")
 FORMS = (
     Form(
         name="matlab", title="CLiFF CSV, angle first", kinds=CLIFF, suffix=".csv", reading=Lattice, writing=Header,
-        carries="every component to 9 digits, p", loses="count, q, the radius",
+        carries="every component to 9 digits, p", loses="count, q, the radius, how many people",
         read_by="CLiFF-LHMP, LaCE-LHMP, congestion-coverage-plan, exploration_mod",
         read=lambda source, how: cliff_csv.read_order(source, "matlab", how.resolution_m),
         write=lambda table, how: cliff_csv.write_order(table, "matlab", how.header),
@@ -86,21 +86,23 @@ FORMS = (
     Form(
         name="online", title="CLiFF CSV, speed first", kinds=CLIFF, suffix=".csv", reading=Lattice, writing=Header,
         carries="every component to 9 digits, count (p where counts are unknown)",
-        loses="p that is not count by the largest count, q, the radius", read_by="online-mod, exploration_mod",
+        loses="p that is not count by the largest count, q, the radius, how many people",
+        read_by="online-mod, exploration_mod",
         read=lambda source, how: cliff_csv.read_order(source, "online", how.resolution_m),
         write=lambda table, how: cliff_csv.write_order(table, "online", how.header),
     ),
     Form(
         name="nemo", title="CLiFF CSV with a header, NeMo-style", kinds=CLIFF, suffix=".csv", reading=Lattice,
         carries="every component to 9 digits, its covariance as a correlation",
-        loses="p (so the nearest location is used, not the busiest), count, q, the radius",
+        loses="p (so the nearest location is used, not the busiest), count, q, the radius, how many people",
         read_by="nemo-map, which leaves out components whose covariance has a determinant below 1e-6",
         read=lambda source, how: cliff_csv.read_nemo(source, how.resolution_m),
         write=lambda table, how: cliff_csv.write_nemo(table),
     ),
     Form(
         name="xml", title="CLiFF XML", kinds=CLIFF, suffix=".xml",
-        carries="every component to 9 digits, p (as q), the grid, the radius", loses="count, our q, which is 1",
+        carries="every component to 9 digits, p (as q), the grid, the radius",
+        loses="count, our q, which is 1, how many people",
         read_by="ROS cliffmap_ros, ROS 2 mod and nav2_mod_planner, mod_path_planning",
         read=lambda source, how: cliff_xml.read(source),
         write=lambda table, how: cliff_xml.write(table),
