@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from modlhmp.api import Map, build_map, forecast, load_map, read_tracks, score
     from modlhmp.futures import Futures, Scores
     from modlhmp.kinds import Kind, all_kinds
+    from modlhmp.planning import path_cost
     from modlhmp.site import Site
     from modlhmp.storage import DataError
     from modlhmp.tracks import Tracks
@@ -31,6 +32,7 @@ _HOMES = {
     "Futures": "modlhmp.futures",
     "score": "modlhmp.api",
     "Scores": "modlhmp.futures",
+    "path_cost": "modlhmp.planning",
     "Kind": "modlhmp.kinds",
     "all_kinds": "modlhmp.kinds",
     "DataError": "modlhmp.storage",
@@ -48,6 +50,7 @@ __all__ = [
     "build_map",
     "forecast",
     "load_map",
+    "path_cost",
     "read_tracks",
     "score",
 ]

@@ -188,7 +188,7 @@ rule measure_costs:
         tracks=tracks_of("test"),
         maps=lambda wildcards: sorted(
             {
-                LAYOUT.map(wildcards.dataset, RUN.kind(name).name)
+                PLAN.map_of(wildcards.dataset, name)
                 for name in COSTED
                 if RUN.kind(name).has_map
             }

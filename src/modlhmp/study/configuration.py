@@ -8,12 +8,16 @@ from typing import Any
 
 from modlhmp import kinds, options
 from modlhmp.datasets import Dataset, folds, load_dataset, validation_part
+from modlhmp.exchange import kind_in, map_files
+from modlhmp.exchange.forms import FORMS
+from modlhmp.exchange.parquet import PARQUET
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import check, unknown
 from modlhmp.storage import DataError
 from modlhmp.study import lacks
 from modlhmp.study.settings import RunSettings
 
+FORMS_OF_TABLES = [form.name for form in FORMS if form.read is not None]  # a histogram needs more to be said
 MOST_NAME_BYTES = 200  # of a recording: file systems allow 255, and results have suffixes
 _UNFIT = re.compile(r"[{}<>\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # wildcards, ends of lines, undecodable bytes
 
@@ -70,6 +74,12 @@ def _check_entries(run: RunSettings) -> None:
         if entry.kind == "average" and len(run.members(name)) < 2:
             raise DataError(f"configuration, methods.{name}.options.of: name at least two methods to be averaged")
         run.averaged_parts(name)
+        if entry.file and not run.kind(name).has_map:
+            raise DataError(f"configuration, methods.{name}.file: kind {entry.kind} has no map; leave it out")
+        if entry.form and not entry.file:
+            raise DataError(f"configuration, methods.{name}.form: there is no `file` whose form it could be")
+        if entry.form not in {"", PARQUET, *FORMS_OF_TABLES}:
+            raise DataError(unknown(f"configuration, methods.{name}.form", "form", entry.form, FORMS_OF_TABLES))
         run.method(name)
 
 
@@ -108,6 +118,10 @@ def _check_names(run: RunSettings) -> None:
         if not run.kind(name).from_share:
             able = [kind.name for kind in kinds.all_kinds().values() if kind.from_share and kind.forecasts]
             raise DataError(f"configuration, studies.training: {name} is of none of the kinds {', '.join(able)}")
+        if run.published(name):
+            raise DataError(
+                f"configuration, studies.training: the map of {name} is a file, so it cannot be built from less data"
+            )
     if not run.kind(run.studies.method).sampled:
         raise DataError(
             f"configuration, studies.method: {run.studies.method} has no map to sample, so neither beta nor r_s"
@@ -146,6 +160,7 @@ def load_datasets(
             )
         _check_paths(dataset, Path(folder) / f"{dataset.name}.yaml")
         _check_horizons(run, dataset)
+    _check_files(run, data_root)
     if run.strict:
         found = {name: dataclasses.replace(dataset, strict=True) for name, dataset in found.items()}
     if run.evaluate_on == "validation":
@@ -153,6 +168,22 @@ def load_datasets(
     if run.evaluate_on == "folds":
         return {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
     return found
+
+
+def _check_files(run: RunSettings, data_root: str | Path) -> None:
+    """Whether the map files of the methods that a run needs are there, and of a form that carries their kinds."""
+    for name in dict.fromkeys(map(run.published, [*run.methods_run, run.studies.method])):
+        if not name:
+            continue
+        where, entry = f"configuration, methods.{name}.file", run.entries[name]
+        try:
+            kind = kind_in(path := Path(data_root) / entry.file, entry.form or None)
+        except DataError as error:
+            raise DataError(f"{where}: {error} (`data_root` is {data_root})") from None
+        if kind != entry.kind:
+            raise DataError(f"{where}: {path} holds a map of kind {kind}, but the method is of kind {entry.kind}")
+        for file in map_files(path):
+            _check_path(where, str(file))
 
 
 def _check_horizons(run: RunSettings, dataset: Dataset) -> None:
@@ -183,14 +214,19 @@ def _check_tuned(run: RunSettings, dataset: Dataset, file: Path) -> None:
             raise DataError(f"{source}: {error}") from None
 
 
+def _check_path(where: str, path: str) -> None:
+    """Whether Snakemake can take a path."""
+    if unfit := _UNFIT.search(path):
+        raise DataError(
+            f"{where}: {path!r}: Snakemake cannot take the character {unfit[0]!r} in a path; rename the file or "
+            "folder, or link to it under another name"
+        )
+
+
 def _check_paths(dataset: Dataset, file: Path) -> None:
     """Whether Snakemake can take the paths of recordings, and ours their names."""
     for path in (*(one.stored for one in dataset.recordings), *dataset.floor_plan):
-        if unfit := _UNFIT.search(path):
-            raise DataError(
-                f"{file}: {path!r}: Snakemake cannot take the character {unfit[0]!r} in a path; rename the file or "
-                "folder, or link to it under another name"
-            )
+        _check_path(str(file), path)
     for one in dataset.recordings:
         if len(one.name.encode()) > MOST_NAME_BYTES:
             raise DataError(

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from modlhmp import datasets, file_format, kinds, options, site
+from modlhmp.exchange.forms import FORMS
+from modlhmp.maps.columns import METADATA, TABLES
 from modlhmp.plausibility import CHECKS
 from modlhmp.settings import fields_of, json_schema
 from modlhmp.storage import write_text
@@ -18,7 +20,7 @@ from modlhmp.study.exhibits import EXHIBITS
 
 ROOT = Path(__file__).parents[3]
 SCHEMAS = Path(__file__).parents[1] / "schemas"
-READMES = (ROOT / "README.md", ROOT / "config/README.md", ROOT / "paper_figures/README.md")
+READMES = tuple(ROOT / name for name in ("README.md", "config/README.md", "docs/maps.md", "paper_figures/README.md"))
 # What the paper calls it, our file, and the text by which its line is found there.
 PLACES = (
     ("Sec. III-A, observed velocity", "forecasting/observe.py", "def current_velocity"),
@@ -111,6 +113,8 @@ def tables() -> dict[str, str]:
         "exhibits": exhibits(),
         "lacks": lacking(),
         "equations": places(),
+        "forms": forms(),
+        "columns": columns(),
         "dataset sections": "\n\n".join(f"#### `{name}`\n\n{table(cls)}" for name, cls in DATASET_SECTIONS.items()),
     }
 
@@ -129,6 +133,30 @@ def table(cls: type, note: str = "", required: tuple[str, ...] = (), beyond: typ
             shown = "see below" if dataclasses.is_dataclass(default) else f"`{_yaml(default)}`"
         lines.append(f"| `{name}` | {of} | {shown} | {meaning} |")
     return "\n".join([*lines, *(["", note] if note else [])])
+
+
+def forms() -> str:
+    """Every form of maps: its kinds, what it carries and loses, who reads it, and its options with their meanings."""
+    lines = ["| form | kinds | carries | loses | read by | options |", "|---|---|---|---|---|---|"]
+    lines.append("| `parquet`: ours | every kind | everything | nothing | this library; any reader of Parquet | |")
+    meanings: dict[str, str] = {}
+    for one in FORMS:
+        told = [(name, meaning) for cls in (one.reading, one.writing) for name, _, _, meaning in fields_of(cls)]
+        meanings |= {name: meanings.get(name, meaning) for name, meaning in told}
+        of, named = (", ".join(f"`{text}`" for text in texts) for texts in (one.kinds, [name for name, _ in told]))
+        lines.append(f"| `{one.name}`: {one.title} | {of} | {one.carries} | {one.loses} | {one.read_by} | {named} |")
+    return "\n".join([*lines, "", *(f"* `{name}`: {meaning}" for name, meaning in meanings.items())])
+
+
+def columns() -> str:
+    """Every column of every map's tables, with its unit; and what their metadata hold."""
+    parts = []
+    for title, of in TABLES.items():
+        rows = [f"| `{name}` | {unit} | {meaning} |" for name, (unit, meaning) in of.items()]
+        parts.append("\n".join([f"**{title}**\n", "| column | unit | what |", "|---|---|---|", *rows]))
+    rows = [f"| `{name}` | {meaning} |" for name, meaning in METADATA.items()]
+    parts.append("\n".join(["**Metadata of the file**\n", "| key | what |", "|---|---|", *rows]))
+    return "\n\n".join(parts)
 
 
 def exhibits() -> str:

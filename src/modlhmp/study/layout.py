@@ -6,6 +6,7 @@ Paths are relative to the project's folder. Names may be Snakemake's wildcards, 
 from dataclasses import dataclass
 
 from modlhmp.kinds import find
+from modlhmp.methods import Method
 
 SUMS = "resources/SHA256SUMS"  # of fetched recordings, as they were first seen
 TABLE_FORMS = ("csv", "tex", "md", "html")
@@ -64,6 +65,15 @@ class Layout:
     def map(self, dataset: str, kind: str) -> str:
         """A kind's map: a file, or the folder of its hours."""
         return f"{self.results}/{dataset}/maps/{find(kind).map_file}"
+
+    def published_map(self, dataset: str, method: str, kind: str) -> str:
+        """The map that a method has from a file, instead of one that is built."""
+        return f"{self.results}/{dataset}/maps/published/{method}{'' if find(kind).hourly else '.parquet'}"
+
+    def map_of(self, dataset: str, method: Method) -> str:
+        """The map that a method forecasts with."""
+        kind = method.kind
+        return self.published_map(dataset, method.published, kind) if method.published else self.map(dataset, kind)
 
     def map_hour(self, dataset: str, kind: str, hour: int) -> str:
         """One hour of a kind's map."""

@@ -52,8 +52,8 @@ class Plan:
 
     def map_of(self, dataset: str, name: str) -> str | list[str]:
         """The map that a method needs, nothing for one without."""
-        kind = self.run.kind(name)
-        return self.layout.map(dataset, kind.name) if kind.has_map else []
+        has_map = self.run.kind(name).has_map
+        return self.layout.map_of(dataset, self.method(dataset, name)) if has_map else []
 
     def exits_of(self, dataset: str, name: str) -> str | list[str]:
         """The ways out, for a method that samples its map and uses them."""
@@ -75,8 +75,14 @@ class Plan:
 
     @property
     def compared_kinds(self) -> set[str]:
-        """Kinds of the compared methods."""
-        return {self.run.kind(name).name for name in self.run.compare}
+        """Kinds of the compared methods, but for those whose map is a file: figures show the maps that are built."""
+        return {self.run.kind(name).name for name in self.run.compare if not self.run.published(name)}
+
+    @property
+    def published(self) -> list[str]:
+        """Methods whose `file` is the map of one that the run needs."""
+        names = [*self.run.methods_run, self.run.studies.method]
+        return list(dict.fromkeys(filter(None, map(self.run.published, names))))
 
     @property
     def tested_pairs(self) -> list[list[str]]:

@@ -38,6 +38,10 @@ class MethodEntry:
     title: str = option("", "name in tables and figures")
     inherits: str = option("", "method whose options it starts from: all that its kind has, too")
     options: dict[str, Any] = option({}, "what differs from the section of its kind, or from the budget")
+    file: str = option(
+        "", "a map to forecast with, instead of one that is built: a file or a folder of hours under `data_root`"
+    )
+    form: str = option("", "the form of `file` (docs/maps.md), where its content does not tell")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,6 +224,11 @@ class RunSettings:
         parts = [part for one in self.members(name) for part in self.averaged_parts(one, (*within, name))]
         return list(dict.fromkeys(parts)) or [name]
 
+    def published(self, name: str) -> str:
+        """The method whose `file` is a method's map: itself, or the nearest it inherits from of its kind; or none."""
+        line = [one for one in (name, *self.ancestors(name)) if self.entries[one].kind == self.entries[name].kind]
+        return next((one for one in line if self.entries[one].file), "")
+
     def trained_as(self, name: str) -> str:
         """The method whose training a network uses: the one it inherits from where only the epoch may differ."""
         entry = self.entries[name]
@@ -282,7 +291,7 @@ class RunSettings:
         if kind.options is options.ConstantVelocity:
             defaults = {"velocity": self.rollout.velocity}
         found = check(kind.options, {**defaults, **own}, "configuration", within=within)
-        return Method(name=name, kind=kind.name, options=found)
+        return Method(name=name, kind=kind.name, options=found, published=self.published(name))
 
 
 def _both_have(cls: type, found: Any) -> dict[str, Any]:

@@ -124,7 +124,7 @@ def forecast_again(
 ) -> Forecast:
     """The first `Forecast` of one track with `samples` futures at least; files keep fewer."""
     exits = layout.map(dataset.name, "exits")
-    path = layout.map(dataset.name, method.kind)
+    path = layout.map_of(dataset.name, method)
     forecaster = make_forecaster(method.kind, method.options, dataset, path, exits)
     file = layout.tracks(dataset.name, track.recording)
     tracks = read_tracks(file)
