@@ -128,7 +128,8 @@ def _drafted(
     if facts.fault:
         raise DataError(facts.fault)
     listed = [_listed(file, found, recording, data_root) for file in files]
-    others = f"{len(files) - 1} other files have not been looked at but for their days; inspect this draft as well"
+    but = " but for their days" if found.clock else ""
+    others = f"{len(files) - 1} other files have not been looked at{but}; inspect this draft as well"
     away = (
         f"decide: not under the data root {data_root}, where others have it"
         if Path(listed[0].files).is_absolute()
