@@ -21,6 +21,7 @@ FACTS = {  # what each must have printed
         "these errors are those of the errors file, under both protocols",
     ),
     "05": ("A = tiny, B = other", "demo_hall: the same raw recordings", "40 differences of 1 datasets"),
+    "06": ("the order was found: matlab", "walks are forecast with it", "one way and"),
     "05-itself": (
         "A = tiny, B = tiny",
         "480 differences of 2 datasets",

@@ -20,6 +20,7 @@ MOST_TURNS = 4  # of a heading; what is beyond is in degrees
 FASTEST_M_S = 20.0  # of a mean speed; beyond is another unit
 USUAL_M_S = 5.0  # of half of the mean speeds
 UNEQUAL = 1e-3  # how far weights of a location may be from 1 in sum, by rounding
+DIGITS = 1e-3  # of an angle that a file rounds
 ROUNDING = 1e-6  # of what is stored as float32, relative
 
 
@@ -85,7 +86,7 @@ def _weights(found: Components, location: np.ndarray, first: np.ndarray, repaire
 
 def _means(found: Components, repaired: Counter[str]) -> tuple[np.ndarray, np.ndarray]:
     """Headings in (-pi, pi] and speeds; a negative mean speed stays: it is sampled as the mixture says, then as 0."""
-    beyond = (found.heading < -np.pi - 1e-6) | (found.heading > TWO_PI + 1e-6)
+    beyond = (found.heading < -np.pi - DIGITS) | (found.heading > TWO_PI + DIGITS)
     repaired["headings beyond one turn, wrapped"] += int(beyond.sum())
     repaired["negative mean speeds, kept: their samples below 0 count as 0"] += int((found.speed < 0).sum())
     return wrap_angle(found.heading), found.speed

@@ -4,9 +4,9 @@ Paths are relative to the project's folder. Names may be Snakemake's wildcards, 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 from modlhmp.kinds import find
-from modlhmp.methods import Method
 
 SUMS = "resources/SHA256SUMS"  # of fetched recordings, as they were first seen
 TABLE_FORMS = ("csv", "tex", "md", "html")
@@ -70,8 +70,8 @@ class Layout:
         """The map that a method has from a file, instead of one that is built."""
         return f"{self.results}/{dataset}/maps/published/{method}{'' if find(kind).hourly else '.parquet'}"
 
-    def map_of(self, dataset: str, method: Method) -> str:
-        """The map that a method forecasts with."""
+    def map_of(self, dataset: str, method: Any) -> str:
+        """The map that a `methods.Method` forecasts with; a path must not depend on that module's code."""
         kind = method.kind
         return self.published_map(dataset, method.published, kind) if method.published else self.map(dataset, kind)
 
