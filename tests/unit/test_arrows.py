@@ -18,6 +18,7 @@ STAGES = [
     ("maps",),
     ("forecasting",),
     ("scoring",),
+    ("exchange",),
     ("networks",),
     ("methods", "datasets", "split_checks"),
     ("futures", "arguments", "api", "contract"),

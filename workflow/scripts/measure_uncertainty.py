@@ -9,7 +9,7 @@ from modlhmp.methods import Method, make_forecaster
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import DataError, provenance, write_parquet
+from modlhmp.storage import DataError, provenance, read_metadata, write_parquet
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks
 
@@ -17,7 +17,7 @@ with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     method, site = Method.of(params.method), build(Site, params.dataset)
     layout = Layout(params.run)
-    made = files.get("forecasts")  # a network's, which are as many samples as it has
+    made = files.get("forecasts")  # a network's or from outside, which are as many samples as there are
     if not made:
         forecaster = make_forecaster(method.kind, method.options, site, files.get("map"), files.get("exits"))
     tables, drawn = [], max(method.futures, params.samples)
@@ -25,6 +25,12 @@ with job_log(snakemake.log[0]) as log:
         tracks, key = read_tracks(file), (names.dataset, names.method, name)
         if made:
             forecasts = read_forecasts(layout.forecast(*key))
+            if not read_metadata(layout.forecast(*key)).get("alike", True):
+                raise DataError(
+                    f"{names.method}: its samples differ in number or probability, and scores of distributions take "
+                    "samples that are alike: hand in as many of each track, drawn by their probabilities, or leave it "
+                    "out of `uncertainty.methods`"
+                )
         else:
             forecasts = forecast_recording(tracks, forecaster, site, key, drawn, params.seeds)
         tables.append(score_samples(tracks, forecasts, name, site, method.futures, params.horizons))

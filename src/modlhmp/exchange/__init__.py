@@ -1,0 +1,1 @@
+"""Other people's forms of maps, tracks and forecasts, in and out."""
