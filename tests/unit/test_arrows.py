@@ -21,7 +21,7 @@ STAGES = [
     ("exchange",),
     ("networks",),
     ("methods", "datasets", "split_checks"),
-    ("futures", "arguments", "api", "contract"),
+    ("futures", "arguments", "api", "contract", "tasks", "futures_drawing"),
     ("inspection",),
     ("cli",),
     ("study",),

@@ -169,7 +169,7 @@ def write_hand_in(
     """
     file = Path(folder) / f"forecasts.{form}"
     blocks = [
-        (ids, forecast.results) for name, of in forecasts.items() for ids, forecast in _first_seed(of, task.ids[name])
+        (ids, forecast.results) for name, of in forecasts.items() for ids, forecast in _first_seed(task, name, of)
     ]
     most = max((one.xy.shape[1] for _, one in blocks), default=1)
     if form == "ndjson":
@@ -187,14 +187,18 @@ def write_hand_in(
 
 
 def _first_seed(
-    forecasts: Iterable[tuple[int, np.ndarray, Forecast]], ids: np.ndarray
+    task: Task, name: str, forecasts: Iterable[tuple[int, np.ndarray, Forecast]]
 ) -> Iterator[tuple[np.ndarray, Forecast]]:
-    """(numbers of tasks, Forecast) of the first seed."""
-    seeds: set[int] = set()
-    done = 0
+    """(numbers of tasks, Forecast) of the first seed of a recording's forecasts."""
+    ids, whose, first, done = task.ids[name], task.track_id[name], None, 0
     for seed, tracks, forecast in forecasts:
-        seeds.add(seed)
-        if len(seeds) > 1:
-            return
-        yield ids[done : done + len(tracks)], forecast
+        first = seed if first is None else first
+        these = slice(done, done + len(tracks))
+        if seed != first:
+            break
+        if not np.array_equal(tracks, whose[these]) or forecast.xy.shape[2] != task.about["steps"]:
+            raise DataError(f"{name}: the forecasts are of other tracks, or another horizon, than the task")
+        yield ids[these], forecast
         done += len(tracks)
+    if done != len(ids):
+        raise DataError(f"{name}: there are {done} forecasts for the {len(ids)} tracks of the task; make them again")
