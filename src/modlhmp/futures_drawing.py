@@ -35,7 +35,7 @@ def draw_futures(futures: Futures, history: Tracks, title: str, path: str | Path
         axes.plot(*start, "o", color="black", ms=3, zorder=4)
     for label, colour in (("seen", "black"), ("forecast", "#D55E00"), ("samples", "0.6")):
         axes.plot([], [], color=colour, label=label)
-    axes.legend(frameon=False)
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
     axes.set_aspect("equal")
     of = f"{shown} of {len(futures.track_id)} people, " if shown < len(futures.track_id) else ""
     axes.set(xlabel="x / m", ylabel="y / m", title=f"{title}\n{of}{futures.times_s[-1]:g} s")

@@ -13,6 +13,7 @@ from modlhmp.exchange.task import Task, make_task, write_task
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.scoring.errors import nan_mean
 from modlhmp.scoring.horizons import scored_horizons
+from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import DataError, column
 
@@ -97,7 +98,7 @@ def rows_of(tables: Sequence[pa.Table], horizons_s: Sequence[float], step_s: flo
     lengths = column(table, "eligible_steps")
     ade, fde = (column(table, name).reshape(len(table), -1) for name in ("ade", "fde"))
     found = []
-    for protocol, output in np.unique(of, axis=0).tolist():
+    for protocol, output in sorted(np.unique(of, axis=0).tolist(), key=lambda one: PROTOCOLS.index(one[0])):
         mine = (of == (protocol, output)).all(axis=1)
         for horizon_s in horizons_s:
             step = round(horizon_s / step_s) - 1

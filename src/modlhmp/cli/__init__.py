@@ -8,9 +8,9 @@ from modlhmp.storage import DataError
 
 
 def main() -> None:
-    """Run the command; an error of ours is one line."""
+    """Run the command; an error of ours, or of the file system, is one line."""
     try:
         app()
-    except DataError as error:
+    except (DataError, OSError) as error:
         typer.echo(str(error), err=True)
         raise SystemExit(1) from None

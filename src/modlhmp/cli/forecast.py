@@ -58,6 +58,8 @@ def forecast(
     walkers, owners = read_walkers(tracks, site.time_step_s)
     seen = _seen(walkers, at, site.observed_rows, tracks)
     futures = modlhmp.forecast(source, seen, horizon, seed, **_options(option or [], seed))
+    if unknown := int((~futures.known).sum()):
+        typer.echo(f"{unknown} of {len(futures.known)} people have no forecast: the map tells nothing there", err=True)
     _write(futures, owners, out, best)
     if plot:
         from modlhmp.futures_drawing import draw_futures  # noqa: PLC0415 - matplotlib

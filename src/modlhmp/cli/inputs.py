@@ -7,34 +7,38 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
+
 from modlhmp.cleaning import clean_recording
+from modlhmp.exchange.tracks import NEEDED, RECORDED, read_tracks_table
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.settings import check
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, owner_ids, owner_texts, read_tracks
+from modlhmp.tracks import Tracks, owner_ids, owner_texts, usual_step
 
 STREAM = "-"
-OWN = ("track_id", "t", "x", "y")  # columns that say what they are: s, m
-RECORDED = ("speed", "heading")  # likewise: m/s, rad
+STEPS_APART = (0.8, 1.25)  # of rows that need no resampling, in time steps
 
 
 def read_walkers(path: str, time_step_s: float) -> tuple[Tracks, dict[int, str]]:
-    """Clean tracks of a file by the `time_step_s`, and the owner's ids that are no plain numbers.
+    """Tracks of a file by the `time_step_s`, and the owner's ids that are no plain numbers.
 
-    A table with columns track_id, t, x, y (s, m; maybe speed, heading) is read as that, a clean recording (.parquet) as
-    it is, a dataset file (.yaml) by what it says. Of any other file the form is guessed as `modlhmp inspect` does, and
-    `DataError` says what is in doubt. "-" is standard input.
+    A table with columns track_id, t, x, y (`exchange.tracks`) is taken as it is where its rows are a time step apart,
+    as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), and any
+    other file whose form can be guessed without doubt; `DataError` says what is in doubt. "-" is standard input.
     """
     with file_of(path) as (file, shown):
         if file.suffix in {".yaml", ".yml"}:
-            from modlhmp.api import read_tracks as read_any  # noqa: PLC0415 - the rest of the library
+            from modlhmp.api import read_tracks  # noqa: PLC0415 - the rest of the library
 
-            return read_any(file), {}
-        if file.suffix == ".parquet":
-            return read_tracks(file), owner_ids(file)
+            return read_tracks(file), {}
         try:
-            form = _form_of(file, shown, time_step_s)
-            tracks, account = clean_recording(file, form, Recording())
+            if file.suffix == ".parquet" or set(NEEDED) <= set(_header(file)):
+                tracks, names = read_tracks_table(file)
+                step = usual_step(tracks) / time_step_s
+                if file.suffix == ".parquet" or np.isnan(step) or STEPS_APART[0] <= step <= STEPS_APART[1]:
+                    return tracks, names | (owner_ids(file) if file.suffix == ".parquet" else {})
+            tracks, account = clean_recording(file, _form_of(file, shown, time_step_s), Recording())
         except DataError as error:
             raise DataError(str(error).replace(str(file), shown)) from None
         return tracks, owner_texts(account.get("owners", {}))
@@ -44,6 +48,8 @@ def read_walkers(path: str, time_step_s: float) -> tuple[Tracks, dict[int, str]]
 def file_of(path: str) -> Iterator[tuple[Path, str]]:
     """The file at a path and how messages call it; of "-" a copy of standard input, for as long as it is needed."""
     if path != STREAM:
+        if not Path(path).is_file():
+            raise DataError(f"{path}: no such file")
         yield Path(path), path
         return
     with tempfile.TemporaryDirectory() as folder:
@@ -56,8 +62,8 @@ def file_of(path: str) -> Iterator[tuple[Path, str]]:
 def _form_of(file: Path, shown: str, time_step_s: float) -> FileFormat:
     """How a file of tracks is written, if that is beyond doubt."""
     names = _header(file)
-    if set(OWN) <= set(names):
-        columns = [*OWN, *(RECORDED if set(RECORDED) <= set(names) else ())]
+    if set(NEEDED) <= set(names):
+        columns = [*NEEDED, *(RECORDED if set(RECORDED) <= set(names) else ())]
         plain = {"columns": {name: name for name in columns}, "header": True, "time_step_s": time_step_s}
         return check(FileFormat, plain, shown)
     from modlhmp.inspection.guess import guess  # noqa: PLC0415 - only files of others need it
@@ -71,7 +77,7 @@ def _form_of(file: Path, shown: str, time_step_s: float) -> FileFormat:
     except DataError as error:
         raise DataError(f"{error}; {remedy}") from None
     if found.asks:
-        doubts = "; ".join(f"{key}: {found.keys.get(key)!r}, {why}" for key, why in found.asks.items())
+        doubts = "; ".join(f"{key}: {why}" for key, why in found.asks.items())
         raise DataError(f"{shown}: how it is written is in doubt ({doubts}): {remedy}")
     return check(FileFormat, {**found.keys, "time_step_s": time_step_s}, shown)
 

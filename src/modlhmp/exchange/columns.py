@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -16,11 +16,12 @@ from modlhmp.storage import DataError, atomic_path, read_parquet, write_pieces
 STREAM = "-"  # in place of a path: standard input or output
 
 
-def read_columns(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
+def read_columns(path: str | Path, types: Mapping[str, pa.DataType], empty: Collection[str] = ()) -> pa.Table:
     """The table in a .parquet file or a CSV file with a header, its columns of these types; others are refused.
 
-    `path` "-" is CSV from standard input. Rows are counted as lines, those of Parquet from 1 (`line_of`). `DataError`
-    names the file, the row, the value and the remedy.
+    `path` "-" is CSV from standard input. Columns `empty` are NaN where they have no value; others must have all. Rows
+    are counted as lines, those of Parquet from 1 (`line_of`). `DataError` names the file, the row, the value and the
+    remedy.
     """
     table = _parquet(path, types) if Path(path).suffix == ".parquet" else _csv(path, types)
     for name in table.column_names:
@@ -28,9 +29,11 @@ def read_columns(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table
             raise DataError(f"{path}: two columns are called {name}; keep one")
         if name not in types:
             raise DataError(unknown(str(path), "column", name, types))
-    for name in table.column_names:
+    for place, name in enumerate(table.column_names):
         values = table[name]
-        if values.null_count:
+        if name in empty:
+            table = table.set_column(place, name, values.fill_null(float("nan")))
+        elif values.null_count:
             row = int(np.argmax(values.is_null().to_numpy()))
             raise DataError(
                 f"{path}, row {line_of(path, row)}: {name} is empty or NaN; leave a row out where there is nothing"

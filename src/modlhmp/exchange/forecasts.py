@@ -20,11 +20,11 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.exchange.columns import line_of, read_columns
+from modlhmp.exchange.tracks import numbers_of
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.median import weighted_median, with_median
 from modlhmp.forecasting.ranking import rank_order
 from modlhmp.forecasting.recording import TRACKS_AT_ONCE
-from modlhmp.ids import id_of
 from modlhmp.storage import DataError, column
 from modlhmp.tracks import runs
 
@@ -102,16 +102,12 @@ def read_rows(path: str | Path, step_s: float) -> Rows:
             f"{', '.join(table.column_names)}, the form is track_id, t0, sample, probability, step or t, x, y"
         )
     n = len(table)
-    texts = table["track_id"].combine_chunks().dictionary_encode()
-    names = {id_of(text): text for text in texts.dictionary.to_pylist()}
-    numbers = np.array(list(names), np.int64)
-    ids = numbers[np.from_dlpack(texts.indices)] if n else np.empty(0, np.int64)
+    ids, names = numbers_of(table["track_id"])
     found = {name: column(table, name) for name in table.column_names if name != "track_id"}
     line = line_of(path, 0) + np.arange(n)
     if "t" in found:
         found["step"] = _steps_of(found.pop("t"), step_s, path, line)
     filled = {"t0": np.zeros(n), "sample": np.zeros(n), "probability": np.full(n, np.nan), **found}
-    names = {number: text for number, text in names.items() if str(number) != text}
     return Rows(track_id=ids, line=line, names=names, **filled)
 
 

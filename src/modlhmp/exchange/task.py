@@ -16,6 +16,7 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.exchange.columns import write_columns
+from modlhmp.exchange.tracks import tracks_table
 from modlhmp.exchange.trajnet import scene_line, track_lines, tracks_as_lines, write_lines
 from modlhmp.forecasting.neighbours import find_neighbours
 from modlhmp.forecasting.observe import Observed, observe
@@ -151,14 +152,6 @@ def write_task(
     files.append(folder / "task.json")
     write_text(files[-1], json.dumps(as_plain(about), indent=1) + "\n")
     return files
-
-
-def tracks_table(tracks: Tracks) -> pa.Table:
-    """Tracks as a table; without speeds and headings where nobody has one, which are empty where unknown."""
-    names = ("track_id", "t", "x", "y", "speed", "heading")
-    table = {name: pa.array(values, from_pandas=True) for name, values in zip(names, tracks, strict=True)}
-    recorded = np.isfinite(tracks.speed).any()
-    return pa.table(table if recorded else {name: table[name] for name in names[:4]})
 
 
 def observations(task: Task) -> pa.Table:
