@@ -21,6 +21,7 @@ FACTS = {  # what each must have printed
         "these errors are those of the errors file, under both protocols",
     ),
     "05": ("A = tiny, B = other", "demo_hall: the same raw recordings", "40 differences of 1 datasets"),
+    "07": ("72 of 72 tracks have a forecast", "rows of CVM, handed in, are those of the run to the bit"),
     "05-itself": (
         "A = tiny, B = tiny",
         "480 differences of 2 datasets",

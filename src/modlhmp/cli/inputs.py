@@ -1,6 +1,7 @@
 """What verbs read and write: tracks in any form that is beyond doubt, streams, tables."""
 
 import contextlib
+import os
 import shutil
 import sys
 import tempfile
@@ -31,7 +32,7 @@ def read_walkers(path: str, time_step_s: float) -> tuple[Tracks, dict[int, str]]
         if file.suffix in {".yaml", ".yml"}:
             from modlhmp.api import read_tracks  # noqa: PLC0415 - the rest of the library
 
-            return read_tracks(file), {}
+            return read_tracks(file, data_root=os.environ.get("MODLHMP_DATA")), {}
         try:
             if file.suffix == ".parquet" or set(NEEDED) <= set(_header(file)):
                 tracks, names = read_tracks_table(file)

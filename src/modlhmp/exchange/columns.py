@@ -9,6 +9,7 @@ from typing import IO, Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pc
+from pyarrow import compute
 
 from modlhmp.settings import unknown
 from modlhmp.storage import DataError, atomic_path, read_parquet, write_pieces
@@ -110,7 +111,7 @@ def _parquet(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
             raise DataError(f"{path}: column {field.name} is {field.type}; numbers are needed")
         values = table.column(place)
         if pa.types.is_floating(field.type):
-            values = pa.compute.if_else(pa.compute.is_nan(values), None, values)
+            values = compute.if_else(compute.is_nan(values), None, values)
         table = table.set_column(place, field.name, values.cast(wanted))
     return table
 

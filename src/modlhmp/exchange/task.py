@@ -66,7 +66,7 @@ class Task(NamedTuple):
 
 def make_task(recordings: Iterable[tuple[str, Tracks, Sequence[Tracks] | None]], site: Site, dataset: str) -> Task:
     """The task of the recordings of a split: (name, tracks, None or the tracks of that day's others, as neighbours)."""
-    salt = json.dumps([dataset, site.time_step_s, site.observed_rows, site.horizon_s], sort_keys=True).encode()
+    salt = json.dumps([dataset, float(site.time_step_s), site.observed_rows, float(site.horizon_s)]).encode()
     names, parts, digests, whose = [], [], [], {}
     for name, tracks, others in recordings:
         wanted = windows(tracks, site)
