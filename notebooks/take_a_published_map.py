@@ -12,7 +12,7 @@ import numpy as np
 
 import modlhmp
 from modlhmp.contract import crowd
-from modlhmp.exchange import imported
+from modlhmp.exchange.maps import imported
 
 # 1. The map. `form="online"` where nothing in the file tells which order its columns have.
 published = Path(sys.argv[1] if len(sys.argv) > 1 else "published.csv")

@@ -22,7 +22,7 @@ from modlhmp.arguments import (
     truth_of,
 )
 from modlhmp.cleaning import check_rules, clean_recording
-from modlhmp.exchange import imported, read_tables, write_tables
+from modlhmp.exchange.maps import imported, read_tables, write_tables
 from modlhmp.exchange.parquet import PARQUET, is_parquet, read_ours
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.forecasting.observe import Observed
@@ -75,16 +75,13 @@ def read_tracks(
     if suffix == ".parquet":
         return read_clean_tracks(path)
     if is_dataset:
-        from modlhmp.datasets import load_dataset  # noqa: PLC0415 - only dataset files need it
+        from modlhmp.datasets import clean, load_dataset  # noqa: PLC0415 - only dataset files need it
 
         root = path.parent if data_root is None else path_of("read_tracks, data_root", data_root)
         dataset = load_dataset(path, root)
         if split not in (None, *(one.split for one in dataset.recordings)):
             raise DataError(f"read_tracks: {path}: split {split!r}: it has `train` and `test`")
-        return together(
-            clean_recording(Path(one.stored, one.member) if one.member else one.path, dataset, one)[0]
-            for one in dataset.of_split(split)
-        )
+        return together(clean(dataset, one) for one in dataset.of_split(split))
     columns = form.get("columns")
     by_name = isinstance(columns, Mapping) and any(isinstance(column, str) for column in columns.values())
     if day is not None and not (isinstance(day, str) and day):

@@ -67,6 +67,10 @@ def free_kind(name: str) -> Kind:
         raise DataError(f"kind {name!r} cannot forecast by its name alone: give a Map, as build_map makes it")
     if record.learned:
         raise DataError(f"kind {name!r} is a network: the workflow trains it and forecasts with it, see the README")
+    if record.outside:
+        raise DataError(
+            f"kind {name!r} is scored, not asked: read the files with modlhmp.exchange, or run the workflow"
+        )
     if record.forecasts is None:
         raise DataError(f"kind {name!r} is made of other methods' forecasts, in the workflow")
     return record

@@ -157,6 +157,13 @@ class Average:
 
 
 @dataclass(frozen=True, kw_only=True)
+class HandedIn:
+    """Of a method whose forecasts come from outside (docs/your-predictor.md)."""
+
+    folder: str = option("", "folder of the forecasts, or of a folder for each dataset, of its name")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Learning:
     """Of the training of every network: what a method may choose for itself."""
 

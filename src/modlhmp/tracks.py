@@ -3,7 +3,7 @@
 One row per person and time step, sorted by track, then time. Units: s (unix, UTC), m, m/s, rad in (-pi, pi].
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import lru_cache
 from numbers import Integral, Real
@@ -96,7 +96,11 @@ def owner_ids(path: str | Path) -> dict[int, str]:
 
     The second piece of a track that was cut is `P01 #2`.
     """
-    known = read_metadata(path).get("owners", {})
+    return owner_texts(read_metadata(path).get("owners", {}))
+
+
+def owner_texts(known: Mapping[str, Sequence[Any]]) -> dict[int, str]:
+    """The same from an account's `owners`, {track id: (owner's id, which piece of that track)}."""
     return {int(number): owner + (f" #{piece}" if piece > 1 else "") for number, (owner, piece) in known.items()}
 
 

@@ -10,8 +10,8 @@ import pytest
 import modlhmp
 from modlhmp import DataError, Site
 from modlhmp.contract import SITE, crowd
-from modlhmp.exchange import imported
 from modlhmp.exchange.forms import FORMS
+from modlhmp.exchange.maps import imported
 from modlhmp.maps.base import check_frame
 from modlhmp.maps.cliff import COLUMNS
 from modlhmp.maps.columns import METADATA, described

@@ -10,7 +10,7 @@ from modlhmp import DataError, Site
 from modlhmp.arguments import site_of
 from modlhmp.cleaning import clean_recording
 from modlhmp.contract import SITE, crowd
-from modlhmp.exchange import imported
+from modlhmp.exchange.maps import imported
 from modlhmp.forecasting.windows import usable
 from modlhmp.settings import as_plain, build
 from modlhmp.storage import column

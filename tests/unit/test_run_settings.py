@@ -843,3 +843,62 @@ def test_a_published_map_is_not_built_from_less(config):
     wrong = with_file(config, kind="cliff", file="maps/a.csv")
     wrong["studies"] = {"training": {"methods": ["more"]}}
     assert "the map of more is a file" in refused(wrong)
+
+
+# --- forecasts from outside -------------------------------------------------------------------------------------------
+
+
+def with_theirs(config, **entry):
+    config["methods"]["theirs"] = {"kind": "forecasts", **entry}
+    config["compare"] = ["cvm", "theirs"]
+    config["comparisons"] = []
+    return config
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({}, "methods.theirs.folder: name the folder of the forecasts"),
+        ({"folder": "f", "options": {"flder": "f"}}, "unknown key 'flder', did you mean 'folder'?"),
+        ({"folder": "f", "kind": "cvm"}, "methods.theirs.folder: 'f': a method of kind cvm has none; leave it out"),
+    ],
+)
+def test_a_folder_of_forecasts_is_said_where_it_is_needed(config, change, message):
+    assert message in refused(with_theirs(config, **change))
+
+
+def test_a_method_of_forecasts_is_like_any_other_but_for_its_cost(config):
+    """Compared, averaged with others, measured as a distribution; no rung, whose forecasts would be timed."""
+    with_theirs(config, folder="f", title="Theirs")
+    config["methods"]["both"] = {"kind": "average", "options": {"of": ["theirs", "cvm"]}}
+    config["compare"] = ["cvm", "theirs", "both"]
+    config["uncertainty"] = {"methods": ["theirs"]}
+    config["ladder"] = {"rows": []}
+    run = load(config)
+    assert run.method("theirs").options.folder == "f" and run.title("theirs") == "Theirs"
+    assert Plan(run, Layout(run.run), {}).handed_in == ["theirs"]
+    for rung in ("theirs", "both"):
+        config["ladder"] = {"rows": [["cvm", "straight"], [rung, "theirs"]]}
+        assert f"ladder.rows: {rung}: the forecasts of theirs are not made here, so a rung" in refused(config)
+
+
+def test_what_lies_in_the_folder_is_looked_at_before_any_job(config, tmp_path):
+    """The pair of files, and the JSON; of each dataset in a folder of its name, or of the only one."""
+    config["run"], config["datasets"] = "other", ["hotel"]
+    config["ladder"], config["uncertainty"] = {"rows": []}, {"methods": []}
+    with_theirs(config, folder=str(tmp_path))
+    config["studies"] = {"method": "cliff", "training": {"shares": []}}
+
+    def message():
+        with pytest.raises(DataError) as error:
+            load_datasets(load(config), DATASETS, "nowhere", "nowhere")
+        return str(error.value)
+
+    assert "one file of forecasts (.csv, .parquet, .ndjson) is needed" in message()
+    (tmp_path / "f.csv").write_text("track_id,step,x,y\n")
+    (tmp_path / "f.json").write_text("{task: 1}")
+    assert "f.json: cannot be read as JSON" in message()
+    (tmp_path / "f.json").write_text('{"path": "mean"}')
+    assert "f.json:\n  top level: the key 'task' is required" in message()
+    (tmp_path / "f.json").write_text('{"task": "0", "path": "mean"}')
+    assert load_datasets(load(config), DATASETS, "nowhere", "nowhere").keys() == {"hotel"}

@@ -22,6 +22,7 @@ FACTS = {  # what each must have printed
     ),
     "05": ("A = tiny, B = other", "demo_hall: the same raw recordings", "40 differences of 1 datasets"),
     "06": ("the order was found: matlab", "walks are forecast with it", "one way and"),
+    "07": ("72 of 72 tracks have a forecast", "rows of CVM, handed in, are those of the run to the bit"),
     "05-itself": (
         "A = tiny, B = tiny",
         "480 differences of 2 datasets",

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
-from modlhmp.exchange import map_files
+from modlhmp.exchange.maps import map_files
 from modlhmp.kinds import all_kinds, find
 from modlhmp.settings import as_plain
 from modlhmp.storage import DataError, file_sha256

@@ -90,7 +90,7 @@ rule measure_uncertainty:
         exits=method_exits,
         forecasts=lambda wildcards: (
             LAYOUT.forecasts(wildcards.dataset, wildcards.method)
-            if wildcards.method in PLAN.learned
+            if wildcards.method in PLAN.learned + PLAN.handed_in
             else []
         ),
     output:

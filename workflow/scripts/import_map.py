@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from modlhmp.exchange import read_tables
+from modlhmp.exchange.maps import read_tables
 from modlhmp.exchange.parquet import is_parquet, read_ours
 from modlhmp.kinds import find
 from modlhmp.logs import job_log

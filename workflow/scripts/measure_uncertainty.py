@@ -10,7 +10,7 @@ from modlhmp.scenes import read_scenes
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import DataError, provenance, write_parquet
+from modlhmp.storage import DataError, provenance, read_metadata, write_parquet
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import person_ids, read_tracks, with_persons
 
@@ -18,7 +18,7 @@ with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     method, site = Method.of(params.method), build(Site, params.dataset)
     layout = Layout(params.run)
-    made = files.get("forecasts")  # a network's, which are as many samples as it has
+    made = files.get("forecasts")  # a network's or from outside, which are as many samples as there are
     if not made:
         forecaster = make_forecaster(method.kind, method.options, site, files.get("map"), files.get("exits"))
     tables, drawn, persons = [], max(method.futures, params.samples), person_ids(*files.tracks)
@@ -26,6 +26,12 @@ with job_log(snakemake.log[0]) as log:
         tracks, scenes, key = read_tracks(file), read_scenes(file), (names.dataset, names.method, name)
         if made:
             forecasts = read_forecasts(layout.forecast(*key))
+            if not read_metadata(layout.forecast(*key)).get("alike", True):
+                raise DataError(
+                    f"{names.method}: its samples differ in number or probability, and scores of distributions take "
+                    "samples that are alike: hand in as many of each track, drawn by their probabilities, or leave it "
+                    "out of `uncertainty.methods`"
+                )
         else:
             forecasts = forecast_recording(tracks, forecaster, site, key, drawn, params.seeds, scenes=scenes)
         scored = score_samples(tracks, forecasts, name, site, method.futures, params.horizons, scenes)

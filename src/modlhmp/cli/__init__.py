@@ -2,15 +2,15 @@
 
 import typer
 
-from modlhmp.cli import inspect, kinds, map  # noqa: F401 - each adds its verbs
+from modlhmp.cli import forecast, inspect, kinds, map, score, task  # noqa: F401 - each adds its verbs
 from modlhmp.cli.app import app
 from modlhmp.storage import DataError
 
 
 def main() -> None:
-    """Run the command; an error of ours is one line."""
+    """Run the command; an error of ours, or of the file system, is one line."""
     try:
         app()
-    except DataError as error:
+    except (DataError, OSError) as error:
         typer.echo(str(error), err=True)
         raise SystemExit(1) from None

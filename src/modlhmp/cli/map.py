@@ -10,8 +10,9 @@ import numpy as np
 import pyarrow as pa
 import typer
 
-from modlhmp import api, exchange, pictures
+from modlhmp import api, pictures
 from modlhmp.cli.app import app
+from modlhmp.exchange import maps as exchange
 from modlhmp.exchange.forms import BY_NAME, recognise
 from modlhmp.exchange.parquet import PARQUET
 from modlhmp.exchange.rows import Source, table_text

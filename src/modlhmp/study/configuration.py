@@ -8,8 +8,9 @@ from typing import Any
 
 from modlhmp import kinds, options
 from modlhmp.datasets import Dataset, folds, load_dataset, validation_part
-from modlhmp.exchange import kind_in, map_files
 from modlhmp.exchange.forms import FORMS
+from modlhmp.exchange.hand_in import hand_in_files, read_sheet
+from modlhmp.exchange.maps import kind_in, map_files
 from modlhmp.exchange.parquet import PARQUET
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import check, unknown
@@ -53,9 +54,7 @@ def _check_entries(run: RunSettings) -> None:
     for name, entry in run.entries.items():
         if not re.fullmatch("[A-Za-z0-9_-]+", name):
             raise DataError(f"configuration, methods: {name!r}: a name of letters, digits, _ and - only")
-        known = [
-            kind.name for kind in kinds.all_kinds().values() if kind.forecasts is not None or kind.name == "average"
-        ]
+        known = [kind.name for kind in kinds.all_kinds().values() if kind.is_method]
         if not entry.kind:
             raise DataError(f"configuration, methods.{name}: say of which `kind` it is: {', '.join(known)}")
         if entry.kind not in known:
@@ -80,7 +79,12 @@ def _check_entries(run: RunSettings) -> None:
             raise DataError(f"configuration, methods.{name}.form: there is no `file` whose form it could be")
         if entry.form not in {"", PARQUET, *FORMS_OF_TABLES}:
             raise DataError(unknown(f"configuration, methods.{name}.form", "form", entry.form, FORMS_OF_TABLES))
-        run.method(name)
+        outside, folder = kinds.find(entry.kind).outside, f"configuration, methods.{name}.folder"
+        if entry.folder and not outside:
+            raise DataError(f"{folder}: {entry.folder!r}: a method of kind {entry.kind} has none; leave it out")
+        method = run.method(name)
+        if outside and not method.options.folder:
+            raise DataError(f"{folder}: name the folder of the forecasts")
 
 
 def _check_sections(run: RunSettings) -> None:
@@ -126,6 +130,12 @@ def _check_names(run: RunSettings) -> None:
         raise DataError(
             f"configuration, studies.method: {run.studies.method} has no map to sample, so neither beta nor r_s"
         )
+    for name, _ in run.ladder.rows:
+        if outside := [part for part in run.averaged_parts(name) if run.kind(part).outside]:
+            raise DataError(
+                f"configuration, ladder.rows: {name}: the forecasts of {outside[0]} are not made here, so a rung of it "
+                "has no cost; name it in `compare` instead"
+            )
     for name in run.uncertainty.methods:
         if not run.kind(name).has_samples:
             able = [kind.name for kind in kinds.all_kinds().values() if kind.has_samples]
@@ -164,9 +174,12 @@ def load_datasets(
     if run.strict:
         found = {name: dataclasses.replace(dataset, strict=True) for name, dataset in found.items()}
     if run.evaluate_on == "validation":
-        return {name: validation_part(dataset) for name, dataset in found.items()}
+        found = {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":
-        return {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
+        found = {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
+    for method in (name for name in run.methods_run if run.kind(name).outside):
+        for name in found:
+            read_sheet(hand_in_files(run.method(method).options.folder, name)[1])
     return found
 
 

@@ -69,7 +69,7 @@ def schemas() -> dict[str, dict[str, Any]]:
     run = json_schema(settings.RunSettings)
     by_kind = []
     for kind in kinds.BUILT_IN:
-        if kind.forecasts is None and kind.name != "average":
+        if not kind.is_method:
             continue
         chosen = [kind.options, *([options.Learning] if kind.learned else [])]
         parts = [json_schema(cls)["properties"] for cls in chosen]
@@ -89,13 +89,13 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 def tables() -> dict[str, str]:
     """{name of the place in a README: Markdown} of every table."""
-    shown = [kind for kind in kinds.BUILT_IN if kind.forecasts is not None or kind.name == "average"]
+    shown = [kind for kind in kinds.BUILT_IN if kind.is_method]
     lines = [
         "| kind | method | options |",
         "|---|---|---|",
         *(f"| `{k.name}` | {k.title} | {_options(k)} |" for k in shown),
     ]
-    own = [f"#### `{kind.name}`\n\n{table(kind.options)}" for kind in shown if kind.name in {"cvm", "average"}]
+    own = [f"#### `{kind.name}`\n\n{table(kind.options)}" for kind in shown if not (kind.section or kind.learned)]
     own += [f"#### Every network\n\n{table(options.Training, _LEARNING)}"]
     own += [f"#### `{kind.name}`\n\n{table(kind.options, beyond=options.Training)}" for kind in shown if kind.learned]
     built = [

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from modlhmp.datasets import Dataset
+from modlhmp.exchange.hand_in import hand_in_files
 from modlhmp.file_format import FileFormat
 from modlhmp.methods import Method
 from modlhmp.scoring.horizons import LADDER_S, scored_horizons
@@ -112,6 +113,15 @@ class Plan:
     def averages(self) -> list[str]:
         """Methods that are the mean of others."""
         return [name for name in self.run.methods_run if self.run.kind(name).name == "average"]
+
+    @property
+    def handed_in(self) -> list[str]:
+        """Methods whose forecasts come from outside."""
+        return [name for name in self.run.methods_run if self.run.kind(name).outside]
+
+    def hand_in_files(self, dataset: str, name: str) -> list[str]:
+        """The file of such forecasts of a dataset, and the JSON file beside it; `DataError` where there is none."""
+        return [str(file) for file in hand_in_files(self.method(dataset, name).options.folder, dataset)]
 
     @property
     def read_anew(self) -> list[str]:

@@ -36,6 +36,7 @@ class MethodEntry:
 
     kind: str = option("", "one of the kinds below")
     title: str = option("", "name in tables and figures")
+    folder: str = option("", "of kind `forecasts`: where they lie (docs/your-predictor.md)")
     inherits: str = option("", "method whose options it starts from: all that its kind has, too")
     options: dict[str, Any] = option({}, "what differs from the section of its kind, or from the budget")
     file: str = option(
@@ -274,7 +275,8 @@ class RunSettings:
         kind, within = kinds.find(entry.kind), f"methods.{name}.options"
         base = self.method(entry.inherits, tuned) if self.ancestors(name) else None
         start = tuned.get(kind.name, {}) if base is None else _both_have(kind.options, base.options)
-        own = {**start, **entry.options, **tuned.get(name, {})}
+        of_entry = {"folder": entry.folder} if entry.folder else {}
+        own = {**start, **of_entry, **entry.options, **tuned.get(name, {})}
         if kind.learned:
             shared = {f.name: getattr(self.learned, f.name) for f in dataclasses.fields(options.Learning)}
             if base is not None and base.learning is not None:

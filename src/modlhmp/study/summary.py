@@ -19,7 +19,7 @@ COLUMNS = (
 
 METRICS = ("ade", "fde", "infeasible")
 # The first that a method has stands for it.
-OUTPUTS = ("ranked", "median", "medoid", "modes", "mean", "single", "mean_path")
+OUTPUTS = ("ranked", "median", "medoid", "modes", "likeliest", "mean", "single", "mean_path")
 
 
 class Errors(NamedTuple):

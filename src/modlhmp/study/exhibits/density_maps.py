@@ -16,6 +16,7 @@ from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.outputs import with_output
 from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.kinds import find
 from modlhmp.methods import Method, make_forecaster
 from modlhmp.scenes import read_scenes
 from modlhmp.scoring.uncertainty import samples_of
@@ -122,7 +123,14 @@ def example(
 def forecast_again(
     layout: Layout, dataset: Dataset, method: Method, track: Example, samples: int, seed: int
 ) -> Forecast:
-    """The first `Forecast` of one track with `samples` futures at least; files keep fewer."""
+    """The first `Forecast` of one track with `samples` futures at least, since files keep fewer.
+
+    A network's and one from outside are as they are in the file.
+    """
+    if not find(method.kind).has_map:
+        one = paths.forecast_of(layout.forecast(dataset.name, method.name, track.recording), track.track_id)
+        assert one is not None
+        return Forecast(*(part[None] for part in one[:3]), one.output)  # type: ignore[call-arg]
     exits = layout.map(dataset.name, "exits")
     path = layout.map_of(dataset.name, method)
     forecaster = make_forecaster(method.kind, method.options, dataset, path, exits)

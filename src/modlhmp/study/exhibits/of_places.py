@@ -68,6 +68,8 @@ def _density(plan: Plan, datasets: list[Dataset]) -> list[str]:
         files.append(plan.layout.errors(dataset.name, next(iter(plan.titles))))
         for found in (plan.map_of(dataset.name, shown), plan.exits_of(dataset.name, shown)) if shown else ():
             files += [found] if isinstance(found, str) else found
+        if shown and not plan.run.kind(shown).has_map:
+            files.append(plan.layout.forecasts(dataset.name, shown))
     return [*files, *_floor_plans(datasets)]
 
 
