@@ -594,6 +594,15 @@ def test_a_local_time_that_is_not_one_moment_is_named_with_its_row(write, person
     assert f"{path}, row 7: {text} in Europe/Berlin {message}" in str(error.value)
 
 
+def test_a_start_that_is_not_one_moment_is_named_with_its_file(write):
+    path = write("id,t,x,y\n1,0,0,0\n")
+    form = FileFormat(columns=Columns(**BY_NAME), header=True, timezone="Europe/Berlin")
+    with pytest.raises(DataError) as error:
+        read_recording(path, form, "2026-10-25", "02:30")
+    assert f"{path}: start '02:30': 2026-10-25 02:30:00 in Europe/Berlin exists twice" in str(error.value)
+    assert len(read_recording(path, form, "2026-10-25", "02:30+01:00")[0].t) == 1
+
+
 def test_comments_and_aligned_columns(write):
     content = "# made up\n\n  1   0\t 0.5  1.0\n# restarted\n 1   1  1.5   1.0  \n"
     tracks, account = delimited.read_delimited(

@@ -87,4 +87,7 @@ def _day_and_origin(timezone: str, day: str, start: str | None, days: int) -> tu
     if start is None:
         return limits, 0.0
     begins = datetime.combine(date, clock)
-    return limits, begins.timestamp() if clock.tzinfo else local_time(begins, timezone)
+    try:
+        return limits, begins.timestamp() if clock.tzinfo else local_time(begins, timezone)
+    except DataError as error:
+        raise DataError(f"start {start!r}: {error}") from None
