@@ -98,3 +98,5 @@ def test_density_shows_snippets_or_the_first_that_is_measured(plan_of):
             assert plan.layout.map(name, "exits") not in needs("density", plan)
     plan = plan_of(compare=["tc_cliff"], rollout={"exits": True})
     assert {plan.layout.map(name, "exits") for name in plan.datasets} <= set(needs("density", plan))
+    plan = plan_of(compare=["mid"], ladder={}, uncertainty={"methods": ["mid"]})  # a network's are in a file
+    assert {plan.layout.forecasts(name, "mid") for name in plan.datasets} <= set(needs("density", plan))

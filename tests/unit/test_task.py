@@ -12,6 +12,7 @@ import pytest
 
 from modlhmp import DataError, Site, Tracks
 from modlhmp.contract import crowd
+from modlhmp.datasets import clean
 from modlhmp.exchange.forecasts import forecast_of, long_table, read_samples
 from modlhmp.exchange.hand_in import read_hand_in, write_hand_in
 from modlhmp.exchange.task import make_task, write_task
@@ -524,3 +525,24 @@ def test_tracks_as_trajnet_lines_are_read_as_they_were(tmp_path, task):
     read = read_tracks(tmp_path / "training.ndjson", reader="trajnet")
     assert isinstance(read, Tracks)
     np.testing.assert_allclose(np.column_stack([read.x, read.y]), np.column_stack([whole.x, whole.y]), atol=1e-9)
+
+
+@pytest.mark.real
+def test_a_real_recording_with_another_time_step(real_data, load_shipped, tmp_path):
+    """ETH's hotel, 12 steps of 0.4 s: every track once, our own forecasts back to the bit."""
+    hotel = load_shipped("hotel", real_data)
+    days = {one.name: clean(hotel, one) for one in hotel.of_split("test")}
+    task = make_task(((name, one, None) for name, one in days.items()), hotel, "hotel")
+    assert task.about["time_step_s"] == 0.4 and task.about["tasks"] > 50
+    assert np.abs(task.observed.t[:, -1]).max() == 0 and len(np.unique(task.observed.x, axis=0)) > 50
+    made = {
+        name: list(
+            forecast_recording(one, forecaster(None, hotel, ConstantVelocity()), hotel, ("h", "c", name), 1, [0])
+        )
+        for name, one in days.items()
+    }
+    write_hand_in(tmp_path, task, made)
+    handed = read_hand_in(tmp_path, task)
+    for name, forecasts in made.items():
+        for (_, _, one), (_, _, other) in zip(forecasts, handed.forecasts(name), strict=True):
+            np.testing.assert_array_equal(one.xy, other.xy)

@@ -11,6 +11,9 @@ def main() -> None:
     """Run the command; an error of ours, or of the file system, is one line."""
     try:
         app()
-    except (DataError, OSError) as error:
+    except OSError as error:
+        typer.echo(f"{error.filename}: {error.strerror}" if error.filename else str(error), err=True)
+        raise SystemExit(1) from None
+    except DataError as error:
         typer.echo(str(error), err=True)
         raise SystemExit(1) from None
