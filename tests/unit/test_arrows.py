@@ -20,7 +20,7 @@ STAGES = [
     ("scoring",),
     ("networks",),
     ("methods", "datasets", "split_checks"),
-    ("futures", "arguments", "api", "contract", "live"),
+    ("futures", "arguments", "api", "contract", "live", "ros"),
     ("inspection",),
     ("cli",),
     ("study",),
