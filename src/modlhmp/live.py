@@ -8,6 +8,7 @@ import logging
 import math
 from array import array
 from bisect import bisect_left
+from dataclasses import replace
 from numbers import Real
 from typing import Any
 
@@ -99,7 +100,7 @@ class Live:
         site = self._predictor.site
         if uses_recorded(self._predictor.options, site):
             raise DataError("Live: positions are all that it is told; use velocity='differences'")
-        self.site, self.extent = site, _extent_of(by)
+        self.site, self.extent, self.horizon_s = site, _extent_of(by), self._predictor.steps * site.time_step_s
         self.options = {name: one for name, one in as_plain(self._predictor.options).items() if name != "exits"}
         self.counts = dict.fromkeys(COUNTED, 0)
         self.present = {"here": 0, "new": 0, "gone": 0}
@@ -113,15 +114,20 @@ class Live:
 
     def see(self, t: float, who: int | str, x: float, y: float) -> str:
         """Take a row: somebody was at (x, y) [m] at t [unix s]; returns "", or why it was not taken, as in `counts`."""
-        why = self._see(t, who, x, y)
+        why = "" if is_row(t, who, x, y) else "bad"
+        why = why or self._pass(float(t)) or self._take(float(t), who, float(x), float(y))
         self.counts[why or "taken"] += 1
         return why
 
-    def _see(self, t, who, x, y):
-        text = _text_of(who)
-        if not text or not _is_row(t, x, y):
-            return "bad"
-        t, x, y = float(t), float(x), float(y)
+    def pass_time(self, t: float) -> str:
+        """It is t [unix s] now, whether anybody is seen or not; returns "", or why that is not so, as `see` does."""
+        why = self._pass(float(t)) if is_row(t, 0, 0.0, 0.0) else "bad"
+        if why:
+            self.counts[why] += 1
+        return why
+
+    def _pass(self, t):
+        """Let time go on to t, or back where everything comes from long ago."""
         if t < self.now - self._kept_s:
             self._late += 1
             if self._late < MOST_LATE:
@@ -134,6 +140,11 @@ class Live:
             self.now = t
             if t - self._swept >= self._gap_s:
                 self._sweep()
+        return ""
+
+    def _take(self, t, who, x, y):
+        """Give a row to its person; returns why not, if not."""
+        text = str(who)
         person = self._people.get(text)
         if person is None:
             if len(self._people) >= self._most_people and self.now > self._swept:
@@ -180,6 +191,17 @@ class Live:
         )
         return Futures(none.astype(np.int64), none, np.empty((0, 2)), nobody, self.site)
 
+    def warm_up(self) -> None:
+        """Load what the first forecast would wait for, and compile it where it never has been."""
+        step_s, rows, x = self.site.time_step_s, self.site.observed_rows, 0.0 if self.extent is None else self.extent[0]
+        y = 0.0 if self.extent is None else (self.extent[2] + self.extent[3]) / 2
+        nan = np.full((24, rows), np.nan)
+        # Somebody walks in at every hour of a day, since some hours may have no map.
+        t = 3600.0 * np.arange(24)[:, None] + step_s * np.arange(rows)
+        seen = Observed(np.arange(24), t, x + t - t[:, :1], np.full_like(t, y), nan, nan, np.empty((24, 0, rows, 2)))
+        replace(self._predictor.futures(seen), t0=np.zeros(24)).occupancy(extent=(x, x + 1, y, y + 1))
+        ending_at(_tracks_of([]), 0.0, step_s, rows, self._gap_s)
+
     def _add(self, person, t, x, y):
         """Put a row into its place; returns why not, if not."""
         times = person.rows[0]
@@ -216,21 +238,16 @@ class Live:
             del self._people[text]
 
 
-def _text_of(who: Any) -> str:
-    """An id as text; empty where it is none."""
-    text = str(who) if isinstance(who, str | Real) and not isinstance(who, bool) else ""
-    try:
-        text.encode("utf-8", "surrogateescape")
-    except UnicodeEncodeError:
-        return ""
-    return "" if text in NOBODY else text
-
-
-def _is_row(*values: Any) -> bool:
-    """Whether t, x and y are numbers that can be a time and a position."""
-    if not all(isinstance(one, Real) and not isinstance(one, bool) for one in values):
+def is_row(t: Any, who: Any, x: Any, y: Any) -> bool:
+    """Whether t, x and y are numbers that can be a time [unix s] and a position [m], and `who` can be an id."""
+    if not isinstance(who, str | Real) or isinstance(who, bool) or str(who) in {*NOBODY, "inf", "-inf"}:
         return False
-    t, x, y = values
+    if not all(isinstance(one, Real) and not isinstance(one, bool) for one in (t, x, y)):
+        return False
+    try:
+        str(who).encode("utf-8", "surrogateescape")  # which half a surrogate pair cannot be
+    except UnicodeEncodeError:
+        return False
     return abs(t) < LATEST_S and abs(x) < FARTHEST_M and abs(y) < FARTHEST_M  # False for NaN
 
 

@@ -9,6 +9,7 @@ Values of grids are per cent, as ROS has them. A bag is a folder with `metadata.
 """
 
 import json
+from numbers import Real
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,7 +34,8 @@ def write_map(occupancy: Occupancy, path: str | Path, at_s: float) -> Path:
     path = path_of("write_map", path)
     if path.suffix not in {".yaml", ".yml"}:
         raise DataError(f"write_map: path {str(path)!r}: give a name that ends with .yaml; the image lies beside it")
-    moment = np.flatnonzero(occupancy.times_s == at_s)
+    known = isinstance(at_s, Real) and not isinstance(at_s, bool)
+    moment = np.flatnonzero(np.isclose(occupancy.times_s, at_s if known else np.nan))
     if len(moment) != 1:
         first, last = occupancy.times_s[[0, -1]].tolist()
         raise DataError(f"write_map: at_s {at_s!r}: no moment of the forecast, which are from {first:g} to {last:g} s")

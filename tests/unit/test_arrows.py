@@ -20,7 +20,7 @@ STAGES = [
     ("scoring",),
     ("networks",),
     ("methods", "datasets", "split_checks"),
-    ("futures", "arguments", "api", "contract", "live", "ros"),
+    ("futures", "arguments", "api", "contract", "live", "live_lines", "ros"),
     ("inspection",),
     ("cli",),
     ("study",),

@@ -229,6 +229,25 @@ def test_a_jump_begins_a_track_anew():
     np.testing.assert_allclose(live.forecast().best[0, :, 1], 80.0)
 
 
+def test_time_that_passes_without_anybody():
+    live = cvm()
+    walk(live, 1, range(6))
+    assert live.pass_time(T0 + 30) == ""
+    assert (live.now, len(live.forecast().t0)) == (T0 + 30, 0)
+    assert (live.pass_time(T0 + 8), live.pass_time(float("nan"))) == ("late", "bad")
+    assert (live.counts["late"], live.counts["bad"]) == (1, 1)
+
+
+@pytest.mark.parametrize("kind", METHODS)
+def test_warming_up_changes_nothing(maps, kind):
+    one, other = (Live(maps[kind], 8, **METHODS[kind]) for _ in range(2))
+    one.warm_up()
+    for live in (one, other):
+        walk(live, 1, range(6))
+    assert_same(one.forecast(), other.forecast())
+    assert one.counts == other.counts
+
+
 def test_a_clock_that_jumps():
     """Forward at once; back after ten rows from long ago, so that one sensor's late rows do not set it back."""
     live = cvm()

@@ -2,7 +2,7 @@
 
 import typer
 
-from modlhmp.cli import inspect, kinds  # noqa: F401 - each adds its verbs
+from modlhmp.cli import inspect, kinds, live  # noqa: F401 - each adds its verbs
 from modlhmp.cli.app import app
 from modlhmp.storage import DataError
 
