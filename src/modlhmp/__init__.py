@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from modlhmp.api import Map, build_map, forecast, load_map, read_tracks, score
     from modlhmp.futures import Futures, Scores
     from modlhmp.kinds import Kind, all_kinds
+    from modlhmp.live import Live
     from modlhmp.planning import path_cost
     from modlhmp.site import Site
     from modlhmp.storage import DataError
@@ -29,6 +30,7 @@ _HOMES = {
     "load_map": "modlhmp.api",
     "Map": "modlhmp.api",
     "forecast": "modlhmp.api",
+    "Live": "modlhmp.live",
     "Futures": "modlhmp.futures",
     "score": "modlhmp.api",
     "Scores": "modlhmp.futures",
@@ -42,6 +44,7 @@ __all__ = [
     "DataError",
     "Futures",
     "Kind",
+    "Live",
     "Map",
     "Scores",
     "Site",

@@ -20,11 +20,13 @@ from modlhmp.arguments import (
     site_from,
     site_of,
     truth_of,
+    uses_recorded,
 )
 from modlhmp.cleaning import check_rules, clean_recording
 from modlhmp.exchange.maps import imported, read_tables, write_tables
 from modlhmp.exchange.parquet import PARQUET, is_parquet, read_ours
 from modlhmp.file_format import FileFormat, Recording, check_format
+from modlhmp.forecasting.base import Forecaster
 from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures, Scores, whole_steps
 from modlhmp.kinds import find
@@ -238,6 +240,48 @@ def forecast(
     map's; give one for a kind without a map.
     `DataError` names the argument, its value and the remedy.
     """
+    asked = predictor(by, horizon_s, seed, k=k, key=key, exits=exits, site=site, **options)
+    observed = last_rows(history, asked.site, uses_recorded(asked.options, asked.site))
+    if isinstance(by, Map):
+        _warn_of_frame(by, observed)
+    return asked.futures(observed)
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """A method ready to forecast at one place, as often as it is asked: with its map loaded and its options checked.
+
+    `names` key the random numbers: the seed, then the names that `forecast` calls `key`.
+    """
+
+    site: Site
+    options: Any
+    steps: int
+    names: tuple[object, ...]
+    ask: Forecaster
+
+    def futures(self, observed: Observed) -> Futures:
+        """The futures of who is observed."""
+        k = getattr(self.options, "k", 1)
+        if (positions := len(observed.t) * k * self.steps) > MOST_POSITIONS:
+            raise DataError(f"k {k}: {len(observed.t)} walkers have {positions:.2g} future positions; ask for fewer")
+        found = self.ask(observed, self.steps, stream_keys(observed.track_id, k, *self.names))
+        start = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
+        return Futures(observed.track_id, observed.t[:, -1], start, found, self.site)
+
+
+def predictor(
+    by: Map | str,
+    horizon_s: float | None = None,
+    seed: int = 0,
+    *,
+    k: int | None = None,
+    key: Sequence[str] = KEY,
+    exits: Map | bool | None = None,
+    site: Site | None = None,
+    **options: Any,
+) -> Predictor:
+    """What `forecast` asks once and `Live` again and again; the arguments are those of `forecast`."""
     record, site = (
         (map_kind(by.kind), site_of(site, by.site)) if isinstance(by, Map) else (free_kind(by), site_of(site))
     )
@@ -249,22 +293,16 @@ def forecast(
     given = {**options, **{name: value for name, value in asked.items() if value is not None}}
     ways_out = exits.whole if isinstance(exits, Map) else None
     chosen: Any = check(record.options, given, f"forecast with {record.name}")
-    observed = last_rows(history, site)
-    horizon_s = site.horizon_s if horizon_s is None else horizon_s
-    steps = whole_steps("horizon_s", horizon_s, site, LONGEST_S)
+    steps = whole_steps("horizon_s", site.horizon_s if horizon_s is None else horizon_s, site, LONGEST_S)
     if isinstance(key, str) or not isinstance(key, Sequence) or not all(isinstance(part, str) for part in key):
         raise DataError(f"key {key!r}: give names, such as (dataset, method, recording)")
     if not isinstance(seed, Integral) or isinstance(seed, bool) or seed < 0:
         raise DataError(f"seed {seed!r}: give a whole number of at least 0")
-    if (positions := len(observed.t) * getattr(chosen, "k", 1) * steps) > MOST_POSITIONS:
-        raise DataError(f"k {chosen.k}: {len(observed.t)} walkers have {positions:.2g} future positions; ask for fewer")
+    if getattr(chosen, "k", 1) * steps > MOST_POSITIONS:  # before a map is loaded
+        raise DataError(f"k {chosen.k}: one walker has {chosen.k * steps:.2g} future positions; ask for fewer")
     model = by.model(chosen) if isinstance(by, Map) else None
-    if isinstance(by, Map):
-        _warn_of_frame(by, observed)
     ask = forecaster_of(record, model, site, chosen, ways_out)
-    keys = stream_keys(observed.track_id, getattr(chosen, "k", 1), int(seed), *key)
-    start = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
-    return Futures(observed.track_id, observed.t[:, -1], start, ask(observed, steps, keys), site)
+    return Predictor(site, chosen, steps, (int(seed), *key), ask)
 
 
 def _warn_of_frame(a_map: Map, observed: Observed) -> None:

@@ -131,6 +131,11 @@ class Episodes(Alike):
     """Of forecasts with an episode map."""
 
     persons: WholeFrom1 = option(25, "persons replayed: those still under way at each second")
+    samples: Literal["persons", "pieces"] = option(
+        "persons",
+        "single replays: of the nearest `persons`, once each; or of the nearest `pieces`, whosoever they are, as suits "
+        "a moment at which everyone is asked who is there: those who stay long are met most",
+    )
     reach_m: Metres = option(10.0, "persons farther from the walker in this metric are not replayed [m]")
 
 

@@ -216,7 +216,7 @@ def clock_offsets(t: np.ndarray, timezone: str) -> np.ndarray:
     return np.array(offsets, float)[inverse.ravel()].reshape(np.shape(t))
 
 
-@lru_cache(maxsize=1 << 16)
+@lru_cache(maxsize=1 << 12)  # three days: a stream of weeks is not to fill memory
 def _offset(minute: int, timezone: str) -> float:
     local = datetime.fromtimestamp(60 * minute, ZoneInfo(timezone))
     return local.utcoffset().total_seconds()  # type: ignore[union-attr]

@@ -22,7 +22,7 @@ STAGES = [
     ("exchange",),
     ("networks",),
     ("methods", "datasets", "split_checks"),
-    ("futures", "arguments", "api", "contract", "planning", "tasks", "futures_drawing"),
+    ("futures", "arguments", "api", "contract", "planning", "tasks", "futures_drawing", "live", "live_lines", "ros"),
     ("inspection",),
     ("cli",),
     ("study",),
