@@ -130,6 +130,19 @@ def test_orientation_probabilities(maps, tmp_path, header):
         assert np.isfinite(futures.paths).any()
 
 
+def test_weights_of_directions_that_are_no_probabilities(write, caplog):
+    """Any weights, in per cent say; a cell without any has no dynamics; a negative one is refused."""
+    text = "0.5,0.5,20,0,60,0\n1.5,0.5,0,0,0,0\n2.5,0.5,0.25,0.25,0.25,0.25\n"
+    found = modlhmp.load_map(write(text), form="stef_csv", site=SITE)
+    probabilities = column(found.hours[7], "probabilities").reshape(3, 4)
+    np.testing.assert_allclose(probabilities, [[0.25, 0, 0.75, 0], [0, 0, 0, 0], [0.25] * 4])
+    assert "1 cells whose weights did not sum to 1, scaled" in caplog.text
+    refused(
+        "row 2: weight -1 is negative", modlhmp.load_map, write(text.replace("1.5,0.5,0", "1.5,0.5,-1")), "stef_csv"
+    )
+    refused("falls on another", modlhmp.load_map, write(text.replace("1.5,0.5", "0.5,0.5")), "stef_csv")
+
+
 def test_histograms(maps, tmp_path, caplog):
     """They carry probabilities in whole ten-thousandths; FreMEn makes a map of them again."""
     ours = maps["stef"]
@@ -190,6 +203,7 @@ def test_a_kind_that_a_form_cannot_carry(tmp_path, kind):
 
 def test_options_of_forms_are_checked(maps, tmp_path):
     refused("unknown key 'hedder', did you mean 'header'", maps["cliff"].save, tmp_path / "a", form="matlab", hedder=1)
+    refused("name a form, such as form='xml'", maps["cliff"].save, tmp_path / "a.csv")
     refused("no options", maps["cliff"].save, tmp_path / "a.parquet", header=True)
     maps["cliff"].save(tmp_path / "a", form="matlab")
     maps["cliff"].save(tmp_path / "a.parquet")
@@ -371,7 +385,8 @@ def test_p_comes_from_the_number_that_varies(write):
         (field(n3=[3, 2, 1, 1.1, 0.1, 0.01, 0.05, -0.2]), "row 4: weight -0.2 is negative"),
         (field(n3=[3, 2, 200, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: heading 200 rad .* in degrees"),
         (field(n3=[3, 2, 1, 110, 0.1, 0.01, 0.05, 1]), "row 4: mean speed 110 m/s: in another unit"),
-        (field(n3=[3, 2, 1, 1.1, 0.1, 0.01, 0.05, 1, 1, -1]), "row 4: a negative p, q or count"),
+        (field(n3=[3, 2, 1, 1.1, 0.1, 0.01, 0.05, 1, 1, -1]), "row 4: a p, q or count that is negative"),
+        (field(n3=[3, 2, 1, 1.1, 0.1, 0.01, 5e7, 1]), "row 4: a covariance is larger than"),
         (field(n3=[3.4, 2, 1, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: location .3.4, 2. is not on the others' lattice"),
         (field(n3=[2.05, 2, 1, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: location .2.05, 2. falls on another"),
         (field(n3=[9e6, 2, 1, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: location .* more than 10 km from the origin"),

@@ -19,6 +19,8 @@ from modlhmp.storage import DataError
 MOST_TURNS = 4  # of a heading; what is beyond is in degrees
 FASTEST_M_S = 20.0  # of a mean speed; beyond is another unit
 USUAL_M_S = 5.0  # of half of the mean speeds
+WIDEST = 1e4  # of a variance of headings [rad2] or speeds [m2/s2]; public maps have up to 22
+MOST = 1e9  # observations
 UNEQUAL = 1e-3  # how far weights of a location may be from 1 in sum, by rounding
 DIGITS = 1e-3  # of an angle that a file rounds
 ROUNDING = 1e-6  # of what is stored as float32, relative
@@ -59,6 +61,8 @@ def _check(found: Components) -> None:
     found.refuse(np.abs(found.heading) > MOST_TURNS * TWO_PI, degrees)
     unit = "mean speed {speed} m/s: in another unit, such as cm/s, or another column?"
     found.refuse(np.abs(found.speed) > FASTEST_M_S, unit)
+    wide = np.asarray((np.abs(found.covariance) > WIDEST).any(axis=1))
+    found.refuse(wide, "a covariance is larger than headings and speeds have; are the columns in another order?")
     usual = float(np.median(np.abs(found.speed)))
     if usual > USUAL_M_S:
         raise DataError(f"{found.where}: half of the mean speeds are above {usual:.3g} m/s: in another unit than m/s?")
@@ -122,9 +126,8 @@ def intensity(
     last that varies; above 1 they are counts, and p their ratio to the largest. Without any p is 1. A count is 0 where
     it is unknown.
     """
-    found.refuse(
-        np.asarray((found.extra < 0).any(axis=1)), "a negative p, q or count; are the columns in another order?"
-    )
+    odd = np.asarray(((found.extra < 0) | (found.extra > MOST)).any(axis=1))
+    found.refuse(odd, f"a p, q or count that is negative or above {MOST:g}; are the columns in another order?")
     varying = [column for column in found.extra.T if np.ptp(column) > 0]
     if len(varying) > 1:
         repaired["components with two numbers of the location that vary, of which the last is p"] += len(found.x)

@@ -23,6 +23,7 @@ from modlhmp.tracks import clock_offsets
 
 SHARES = 10_000  # a histogram that we write counts so many in a cell; readers hold them in 16 bits
 MOST_HEADINGS = 360
+LATEST_S = 1e11  # of a time in unix s: the year 5138
 Hours = dict[int, pa.Table]
 
 
@@ -39,13 +40,11 @@ def read_csv(source: Source, resolution_m: float | None) -> tuple[pa.Table, dict
     step = lattice_step(cells, first, resolution_m)
     total = weights.sum(axis=1)
     empty = total == 0
-    repaired = {
-        "cells whose weights did not sum to 1, scaled": int((~empty & (np.abs(total - 1) > 1e-3)).sum()),
-        "cells without any weight: they have no dynamics": int(empty.sum()),
-    }
+    off = int((~empty & (np.abs(total - 1) > 1e-3)).sum())
+    repaired = {"cells whose weights did not sum to 1, scaled": off} if off else {}
     # What is a probability to the file's digits stays as it is; all-zero cells stay, too, as ours do.
     scale = np.where(empty | (np.abs(total - 1) <= 1e-6), 1.0, total)
-    return _table(cells.x, cells.y, weights / scale[:, None], step), {k: n for k, n in repaired.items() if n}
+    return _table(cells.x, cells.y, weights / scale[:, None], step), repaired
 
 
 def write_csv(table: pa.Table, header: bool) -> str:
@@ -129,6 +128,8 @@ def _histogram_lines(source: Source, shape: tuple[int, ...], box: Any) -> tuple[
         if found.min() < -1:
             raise DataError(f"{where}: row {row}: count {found.min()} is negative; only -1 is known, for never seen")
         starts.append(finite(start, f"{where}: row {row}, column 1"))
+        if not 0 <= starts[-1] < LATEST_S:
+            raise DataError(f"{where}: row {row}: it begins at {start}, which is no time in unix s")
         if len(starts) > 1 and starts[-1] <= starts[-2]:
             raise DataError(f"{where}: row {row}: it begins at {start} s, not after the row before")
         counts.append(found)
@@ -140,7 +141,7 @@ def _histogram_lines(source: Source, shape: tuple[int, ...], box: Any) -> tuple[
 def write_histograms(hours: Mapping[int, pa.Table], site: Site) -> tuple[str, dict[str, Any]]:
     """A line for each hour of a map, its probabilities as shares of `SHARES`, and the box that a reader must be told.
 
-    The lines begin on 1 January 1970 by the clock of the site: the hours have no date.
+    The lines begin on 2 January 1970 by the clock of the site: the hours have no date.
     """
     tables = list(hours.values())
     step = float(tables[0].schema.metadata[b"resolution"])
@@ -150,7 +151,7 @@ def write_histograms(hours: Mapping[int, pa.Table], site: Site) -> tuple[str, di
         values = np.concatenate([column(table, name) for table in tables])
         edges.append((float(values.min() - step / 2), float(values.max() + step / 2)))
     size = [round((high - low) / step) for low, high in edges]
-    midnight = -clock_offsets(np.zeros(1), site.timezone)[0]
+    midnight = DAY_S - clock_offsets(np.full(1, DAY_S), site.timezone)[0]
     lines = []
     for hour, table in sorted(hours.items()):
         counts = np.zeros((*size, orientations), np.int64)
