@@ -243,6 +243,15 @@ def test_only_methods_with_samples_are_measured(config, name, message):
     assert f"uncertainty.methods: {message}" in refused(config)
 
 
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [("cvm", "cvm has no map with samples"), ("mid", "mid has no map"), ("x", "no method named 'x'")],
+)
+def test_methods_whose_cells_are_studied_have_maps_and_samples(config, method, message):
+    config["studies"] = {"occupied": {"methods": ["snippets", method]}}
+    assert f"studies.occupied.methods: {message}" in refused(config)
+
+
 def test_all_problems_are_told_at_once(config):
     config["rollout"] = {"k": 0}
     config["sedes"] = config.pop("seeds")

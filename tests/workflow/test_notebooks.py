@@ -29,6 +29,10 @@ FACTS = {  # what each must have printed
         "snakemake --cores 2 --configfile",
         "all differences are 0 by construction",
     ),
+    "08": (
+        "the batch forecast is the live one, the same to the last bit",
+        "the cells are read back as they were written",
+    ),
 }
 
 
@@ -59,6 +63,20 @@ def test_a_run_that_is_not_there(notebook, tmp_path, monkeypatch):
         exec(setup, {})
     assert "results/nowhere" in str(error.value)
     assert "snakemake --cores 2 --configfile config/nowhere.yaml" in str(error.value)
+
+
+def test_the_loop_as_a_script(tiny_run):
+    """A robot waits for somebody and goes on, in the busiest minutes of a recording."""
+    hall = tiny_run.folder / "results/tiny/demo_hall"
+    done = subprocess.run(
+        [sys.executable, ROOT / "notebooks/forecast_in_a_loop.py", hall / "maps/episodes.parquet",
+         sorted(hall.glob("tracks/*.parquet"))[-1]],
+        cwd=tiny_run.folder, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    *events, last = done.stdout.splitlines()
+    assert [line.rpartition(": ")[2] for line in events[:2]] == ["wait", "go on"]
+    assert "moments" in last
 
 
 def test_they_run_on_the_demo(tiny_run):

@@ -32,7 +32,7 @@ def load_run(config: Mapping[str, Any], datasets_folder: str | Path) -> RunSetti
     lists: dict[str, tuple[Any, ...]] = {
         "datasets": run.datasets, "compare": run.compare, "seeds": run.seeds, "studies.beta": studies.beta,
         "studies.sampling_radius_m": studies.sampling_radius_m, "studies.training.shares": studies.training.shares,
-        "uncertainty.methods": run.uncertainty.methods,
+        "uncertainty.methods": run.uncertainty.methods, "studies.occupied.methods": studies.occupied.methods,
     }  # fmt: skip
     for key, values in lists.items():
         if len(set(values)) < len(values):
@@ -108,6 +108,7 @@ def _check_names(run: RunSettings) -> None:
         "compare": run.compare,
         "studies.method": [run.studies.method],
         "studies.training.methods": run.studies.training.methods,
+        "studies.occupied.methods": run.studies.occupied.methods,
         "uncertainty.methods": run.uncertainty.methods,
         "comparisons": [name for pair in run.comparisons for name in pair],
         "ladder.reference": [run.ladder.reference],
@@ -135,6 +136,13 @@ def _check_names(run: RunSettings) -> None:
             raise DataError(
                 f"configuration, ladder.rows: {name}: the forecasts of {outside[0]} are not made here, so a rung of it "
                 "has no cost; name it in `compare` instead"
+            )
+    for name in run.studies.occupied.methods:
+        if not (run.kind(name).has_map and run.kind(name).has_samples):
+            able = [kind.name for kind in kinds.all_kinds().values() if kind.has_map and kind.has_samples]
+            raise DataError(
+                f"configuration, studies.occupied.methods: {name} has no map with samples; methods that have one are "
+                f"of the kinds {', '.join(able)}"
             )
     for name in run.uncertainty.methods:
         if not run.kind(name).has_samples:

@@ -123,6 +123,10 @@ class Layout:
         """Errors of a method whose map was built from a share of the training tracks."""
         return f"{self.study(dataset, 'training')}/{method}/{share:g}.parquet"
 
+    def occupied(self, dataset: str, table: str) -> str:
+        """`bins`, `scores` or `film` of which cells were occupied."""
+        return f"{self.results}/{dataset}/occupied/{table}.parquet"
+
     def uncertainty(self, dataset: str, method: str) -> str:
         """Scores of a method's forecasts as distributions."""
         return f"{self.results}/{dataset}/uncertainty/{method}.parquet"

@@ -152,3 +152,9 @@ class Plan:
         """Compared methods whose maps are also built from less data."""
         training = self.run.studies.training
         return [name for name in training.methods if name in self.run.compare] if training.shares else []
+
+    @property
+    def foretold(self) -> dict[str, Dataset]:
+        """Datasets of which it is studied which cells will be occupied: those with a clock, without which days mix."""
+        known = {name: one for name, one in self.datasets.items() if one.clock != "unknown"}
+        return known if self.run.studies.occupied.methods else {}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
-from annotated_types import MaxLen, MinLen
+from annotated_types import Ge, Le, MaxLen, MinLen
 
 from modlhmp import kinds, options
 from modlhmp.methods import Method
@@ -79,6 +79,16 @@ class TrainingShares:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OccupiedCells:
+    """Which cells will be occupied, forecast at moments of whole days without contemporaries."""
+
+    methods: tuple[str, ...] = option(
+        ("episodes", "snippets"), "methods with a map and samples, the first one filmed; an empty list leaves it out"
+    )
+    every_s: Annotated[float, Ge(1), Le(3600)] = option(60.0, "everyone present is forecast every so many seconds [s]")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Studies:
     """One parameter of a method varied, the others as they are."""
 
@@ -88,6 +98,7 @@ class Studies:
         (0.5, 1, 1.5, 2, 3), "values of r_s [m]; an empty list leaves it out"
     )
     training: TrainingShares = option(TrainingShares(), "maps from less training data")
+    occupied: OccupiedCells = option(OccupiedCells(), "which cells will be occupied")
     max_tracks: WholeFrom1 = option(10_000, "at most so many test tracks, always the same ones")
 
 

@@ -83,6 +83,24 @@ def _density_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     }
 
 
+def _occupied(*tables: str) -> dict[str, Any]:
+    """The fields of an exhibit of which cells were occupied, of every dataset with a clock."""
+
+    def needs(plan: Plan, datasets: list[Dataset]) -> list[str]:
+        return [plan.layout.occupied(one.name, table) for one in datasets for table in tables]
+
+    return {"needs": needs, "wanted": lambda plan: bool(plan.foretold) and len(plan.foretold) == len(plan.datasets)}
+
+
+def _filmed(plan: Plan) -> str:
+    """Title of the method that is filmed; empty where there is none."""
+    return "".join(plan.run.titles(plan.run.studies.occupied.methods[:1]).values())
+
+
+def _occupied_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {"titles": plan.run.titles(plan.run.studies.occupied.methods), "horizons": plan.horizons}
+
+
 def _runtimes(plan: Plan, datasets: list[Dataset]) -> list[str]:
     return [plan.layout.runtime(dataset.name) for dataset in datasets]
 
@@ -252,6 +270,48 @@ EXHIBITS: tuple[Exhibit, ...] = (
             "others": {plan.run.title(name): reason for name, reason in plan.unmeasured.items()},
         },
         wanted=_measures,
+    ),
+    Exhibit(
+        name="occupied",
+        form="figure",
+        module=f"{MODULES}.occupied_figure",
+        title="occupied cells",
+        category="Figures",
+        caption="Cells of 1 m by the probability that somebody who is there now will be in them, against the share "
+        "that was occupied. Everyone is forecast at moments of whole days, with maps of people who were not recorded "
+        "within ten minutes of them. Above the diagonal more cells were occupied than announced.",
+        asks=_occupied_asks,
+        **_occupied("bins"),
+    ),
+    Exhibit(
+        name="occupied-{label}-film",
+        form="figure",
+        module=f"{MODULES}.occupied_film",
+        title="occupied cells, a film",
+        category="Forecasts",
+        caption=lambda plan: (
+            "The moment at which most people were there: the probability that each cell of 1 m is occupied a sixth, a "
+            "third and two thirds of the longest horizon later, by "
+            f"{_filmed(plan)}, and where these people were then. Who comes "
+            "later is not shown."
+        ),
+        asks=lambda plan, datasets: {"title": _filmed(plan)},
+        needs=lambda plan, datasets: [
+            *(plan.layout.occupied(one.name, "film") for one in datasets),
+            *_floor_plans(datasets),
+        ],
+        wanted=_occupied("film")["wanted"],
+    ),
+    Exhibit(
+        name="tab_occupied",
+        form="table",
+        module=f"{MODULES}.occupied_table",
+        title="occupied cells",
+        category="Tables",
+        caption="How good the probabilities of occupied cells are: Brier score beside those of rules that know nobody, "
+        "how many cells were foretold and occupied, and in how many bins they were calibrated.",
+        asks=lambda plan, datasets: {**_occupied_asks(plan, datasets), "every_s": plan.run.studies.occupied.every_s},
+        **_occupied("scores", "bins"),
     ),
     Exhibit(
         name="runtime",
