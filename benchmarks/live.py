@@ -21,6 +21,7 @@ from run import ROOT, recordings
 
 import modlhmp
 from modlhmp.arguments import site_from
+from modlhmp.logs import progress
 from modlhmp.settings import as_plain
 from modlhmp.study import runtime
 from modlhmp.tracks import positions_at
@@ -42,9 +43,11 @@ def main():
     a_map = modlhmp.build_map("episodes", train, site_from(as_plain(dataset), "the dataset"))
     machine = runtime.machine()
     print(f"{title}; {machine['cpu']}, {machine['cores']} cores, Python {machine['python']}")
+    tried = ("crowd", PEOPLE, asked.ticks, 1 / CROWD_HZ), ("walker", 1, asked.walker_ticks, 1.0)
     rows = [
-        measure("walker", a_map, walks(test, 1, 1.0), asked.walker_ticks, 1.0),
-        measure("crowd", a_map, walks(test, PEOPLE, 1 / CROWD_HZ), asked.ticks, 1 / CROWD_HZ),
+        measure(what, a_map, walks(test, number, every_s), ticks, every_s)
+        for what, number, ticks, every_s in tried
+        if ticks
     ]
     out = ROOT / "results/live.json"
     out.parent.mkdir(exist_ok=True)
@@ -56,7 +59,7 @@ def measure(what, a_map, seen, ticks, every_s):
     live = modlhmp.Live(a_map, 60)
     live.warm_up()
     clock, processor, memory, people = np.empty(ticks), np.empty(ticks), [], 0
-    for tick in range(ticks):
+    for tick in progress(range(ticks), desc=what):
         rows, t = next(seen), 1.3e9 + tick * every_s
         begun, used = time.perf_counter(), time.process_time()
         for who, x, y in rows:
