@@ -24,7 +24,7 @@ from modlhmp.cleaning import clean_recording
 from modlhmp.datasets import load_dataset
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.forecasting.base import Forecast
-from modlhmp.forecasting.observe import current_velocity, observe, usable_tracks
+from modlhmp.forecasting.observe import current_velocity, observe
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.kinds import find
 from modlhmp.maps import cliff, episodes, mean_shift, snippets, stef, swgmm
@@ -39,7 +39,7 @@ from modlhmp.study import runtime
 from modlhmp.study.configuration import load_run
 from modlhmp.study.demo import RECORDINGS, write_recording
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import clock_hours, clock_time, concatenate, read_tracks, write_tracks
+from modlhmp.tracks import clock_hours, clock_time, concatenate, read_tracks, usable_tracks, write_tracks
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests/reference"))

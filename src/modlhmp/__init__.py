@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from modlhmp.api import Map, build_map, forecast, load_map, read_tracks, score
     from modlhmp.futures import Futures, Scores
     from modlhmp.kinds import Kind, all_kinds
+    from modlhmp.live import Live
+    from modlhmp.planning import path_cost
     from modlhmp.site import Site
     from modlhmp.storage import DataError
     from modlhmp.tracks import Tracks
@@ -28,9 +30,11 @@ _HOMES = {
     "load_map": "modlhmp.api",
     "Map": "modlhmp.api",
     "forecast": "modlhmp.api",
+    "Live": "modlhmp.live",
     "Futures": "modlhmp.futures",
     "score": "modlhmp.api",
     "Scores": "modlhmp.futures",
+    "path_cost": "modlhmp.planning",
     "Kind": "modlhmp.kinds",
     "all_kinds": "modlhmp.kinds",
     "DataError": "modlhmp.storage",
@@ -40,6 +44,7 @@ __all__ = [
     "DataError",
     "Futures",
     "Kind",
+    "Live",
     "Map",
     "Scores",
     "Site",
@@ -48,6 +53,7 @@ __all__ = [
     "build_map",
     "forecast",
     "load_map",
+    "path_cost",
     "read_tracks",
     "score",
 ]

@@ -6,13 +6,17 @@ from typing import Any
 import numpy as np
 
 from modlhmp.ids import Owners
+from modlhmp.scenes import Scenes
+
+LEAST_PASSED_S = 10.0  # times that fall back by less may be a recorder's jitter
 
 
 class Account:
     """Counts of rows and tracks; `add_up` proves that none was lost.
 
     `beyond` is {distance [m], speed [m/s], heading [rad], time [s]: (how many values no recording can have, the median
-    of some of them)}: what tells a wrong unit from a bad row.
+    of some of them)}: what tells a wrong unit from a bad row. `scenes` are the forecasts that a file asks for itself,
+    None where it does not.
     """
 
     def __init__(self) -> None:
@@ -26,7 +30,10 @@ class Account:
         self.first_seen: dict[str, str] = {}
         self.notes: Counter[str] = Counter()
         self.owners = Owners()
+        self.scenes: Scenes | None = None
         self.beyond: dict[str, tuple[int, float]] = {}
+        self._falls = self._far_falls = self._id_changes = 0
+        self._seen = (np.inf, -np.inf, -np.inf, 0)  # the earliest, the latest and the last time, the last id
 
     def drop_rows(self, reason: str, count: int, example: str | None = None) -> None:
         """Count `count` rows as dropped for `reason`; `example` is the first row's number and text."""
@@ -34,6 +41,29 @@ class Account:
             self.dropped_rows[reason] += int(count)
             if example is not None:
                 self.first_seen.setdefault(reason, example)
+
+    def note_order(self, track_id: np.ndarray, t: np.ndarray) -> None:
+        """Note the ids and times [s] of the file's next rows, in its order: see `starts_anew`."""
+        earliest, latest_before, last, last_id = self._seen
+        latest = np.maximum.accumulate(np.concatenate([[latest_before], t]))
+        late = np.flatnonzero(t < latest[:-1])
+        self.notes["rows_out_of_time_order"] += len(late)
+        if not len(t):
+            return
+        earliest = min(earliest, t.min())
+        fallen = np.concatenate([[last], t])[late] - t[late]
+        self._falls += int((fallen > 0).sum())
+        self._far_falls += int((fallen > np.maximum((latest[late] - earliest) / 2, LEAST_PASSED_S)).sum())
+        self._id_changes += int((np.diff(track_id) != 0).sum()) + int(track_id[0] != last_id)
+        self._seen = float(earliest), float(latest[-1]), float(t[-1]), int(track_id[-1])
+
+    @property
+    def starts_anew(self) -> int:
+        """How often the times of a file by time fall back by more than half of all that has passed: a file's begin.
+
+        0 in a file by people, where times fall back at many changes of the id.
+        """
+        return self._far_falls if 4 * self._falls <= self._id_changes else 0
 
     def note_beyond(self, what: str, values: np.ndarray) -> None:
         """Count values of `what` that lie beyond all that is possible; the median of the first ones is kept."""

@@ -1,5 +1,6 @@
 """The library's front door: read tracks, build and load maps, forecast, score. Every name here is one of `modlhmp`."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral
@@ -19,19 +20,24 @@ from modlhmp.arguments import (
     site_from,
     site_of,
     truth_of,
+    uses_recorded,
 )
 from modlhmp.cleaning import check_rules, clean_recording
+from modlhmp.exchange.maps import imported, read_tables, write_tables
+from modlhmp.exchange.parquet import PARQUET, is_parquet, read_ours
 from modlhmp.file_format import FileFormat, Recording, check_format
+from modlhmp.forecasting.base import Forecaster
+from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures, Scores, whole_steps
 from modlhmp.kinds import find
-from modlhmp.maps.base import DAY, hour_files
+from modlhmp.maps.base import DAY, check_frame, hour_files
 from modlhmp.methods import build_map as build_tables
 from modlhmp.methods import by_hours, forecaster_of
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.protocols import score as score_forecast
 from modlhmp.settings import as_plain, check, unknown
 from modlhmp.site import Site
-from modlhmp.storage import DataError, read_metadata, read_parquet, write_parquet
+from modlhmp.storage import DataError, write_parquet
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks, together
 from modlhmp.tracks import read_tracks as read_clean_tracks
@@ -71,16 +77,13 @@ def read_tracks(
     if suffix == ".parquet":
         return read_clean_tracks(path)
     if is_dataset:
-        from modlhmp.datasets import load_dataset  # noqa: PLC0415 - only dataset files need it
+        from modlhmp.datasets import clean, load_dataset  # noqa: PLC0415 - only dataset files need it
 
         root = path.parent if data_root is None else path_of("read_tracks, data_root", data_root)
         dataset = load_dataset(path, root)
         if split not in (None, *(one.split for one in dataset.recordings)):
             raise DataError(f"read_tracks: {path}: split {split!r}: it has `train` and `test`")
-        return together(
-            clean_recording(Path(one.stored, one.member) if one.member else one.path, dataset, one)[0]
-            for one in dataset.of_split(split)
-        )
+        return together(clean(dataset, one) for one in dataset.of_split(split))
     columns = form.get("columns")
     by_name = isinstance(columns, Mapping) and any(isinstance(column, str) for column in columns.values())
     if day is not None and not (isinstance(day, str) and day):
@@ -122,12 +125,23 @@ class Map:
         if not hourly and (self.whole is None or self.hours):
             raise DataError(f"Map: a map of kind {self.kind} is one table, `whole`")
 
-    def save(self, path: str | Path) -> None:
+    def save(self, path: str | Path, form: str = PARQUET, **how: Any) -> None:
         """Write it to `path`: a Parquet file, or a folder of the hours' files for a kind that has a map per hour.
 
-        A table of the whole day beside the hours is `day.parquet` in that folder.
+        A table of the whole day beside the hours is `day.parquet` in that folder. `form` names another form, such as
+        `xml` for the ROS tools (`docs/maps.md` lists them, with what each can carry), `how` are its options, such as
+        `header=True`. `DataError` where that form cannot carry the map.
         """
         path, hourly = path_of("Map.save", path), find(self.kind).hourly
+        if form != PARQUET:
+            write_tables(path, self.kind, self.whole, self.hours, form, self.site, **how)
+            return
+        if path.suffix in {".csv", ".xml", ".txt"}:
+            raise DataError(
+                f"{path}: form parquet under this name; name a form, such as form='xml', or end in .parquet"
+            )
+        if how:
+            raise DataError(f"Map.save: {next(iter(how))}: form parquet has no options; leave it out")
         files: dict[Path, tuple[pa.Table, dict[str, int]]] = {}
         if hourly and path.exists() and not path.is_dir():
             raise DataError(f"{path}: a file is there; a map of kind {self.kind} is a folder, so give another name")
@@ -179,30 +193,33 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
     return built
 
 
-def load_map(path: str | Path) -> Map:
-    """Load a map that `Map.save` or the workflow wrote: a file, or a folder of hours; `DataError` where it is none."""
+def load_map(
+    path: str | Path,
+    form: str | None = None,
+    *,
+    site: Site | None = None,
+    origin_m: tuple[float, float] | None = None,
+    **how: Any,
+) -> Map:
+    """Load a map that `Map.save` or the workflow wrote, or a published one in another form (`docs/maps.md`).
+
+        published = modlhmp.load_map("atc-20121024-cliff.csv", site=modlhmp.Site(timezone="Asia/Tokyo"))
+
+    A map is a file, or a folder of hours. `form` is found from the content where that is unmistakable; with a foreign
+    form `site` is of the place, `origin_m` moves the map to recordings that were moved so, and `how` are the form's own
+    options. What was wrong in a foreign file and could be repaired is logged with counts.
+    `DataError` names the file, the row, the value and the remedy.
+    """
     path = path_of("load_map", path)
-    files = hour_files(path) if path.is_dir() else {}
-    if path.is_dir() and not files:
-        raise DataError(f"{path}: a folder without a map; a map by hours has files such as 09.parquet")
-    first = next(iter(files.values()), path)
-    tables = {hour: read_parquet(file) for hour, file in files.items()}
-    whole = None if files else read_parquet(path)
-    origin = read_metadata(first)
-    if not {"kind", "site"} <= origin.keys():
-        raise DataError(f"{first}: lacks its kind and its site; build it again")
-    kind, site = find(origin["kind"]), site_from(origin["site"], f"{first}: its site")
-    for hour, file in files.items():
-        if (own := read_metadata(file)) | {"hour": 0} != origin | {"hour": 0} or own.get("hour", hour) != hour:
-            raise DataError(
-                f"{file}: it is of another map, or of another hour, than its neighbours; build the map again"
-            )
-    if kind.hourly != path.is_dir():
-        parts = "one file per hour: give the folder that holds them" if kind.hourly else "one file: give that"
-        raise DataError(f"{path}: a map of kind {kind.name} is {parts}")
-    if (path / DAY).exists():
-        whole = read_parquet(path / DAY)
-    return Map(kind.name, site, whole, tables)
+    if not is_parquet(path, form):
+        of_place = site_of(site)
+        kind, whole, hours = read_tables(path, form, of_place, origin_m, **how)
+        return Map(kind, of_place, whole, hours)
+    asked = {"site": site, "origin_m": origin_m, **how}
+    if given := [name for name, value in asked.items() if value is not None]:
+        raise DataError(f"load_map: {path}: {given[0]}: it holds its site and its frame itself; leave it out")
+    kind, plain, whole, hours = read_ours(path)
+    return Map(kind, site_from(plain, f"{path}: its site"), whole, hours)
 
 
 def forecast(
@@ -227,6 +244,48 @@ def forecast(
     map's; give one for a kind without a map.
     `DataError` names the argument, its value and the remedy.
     """
+    asked = predictor(by, horizon_s, seed, k=k, key=key, exits=exits, site=site, **options)
+    observed = last_rows(history, asked.site, uses_recorded(asked.options, asked.site))
+    if isinstance(by, Map):
+        _warn_of_frame(by, observed)
+    return asked.futures(observed)
+
+
+@dataclass(frozen=True)
+class Predictor:
+    """A method ready to forecast at one place, as often as it is asked: with its map loaded and its options checked.
+
+    `names` key the random numbers: the seed, then the names that `forecast` calls `key`.
+    """
+
+    site: Site
+    options: Any
+    steps: int
+    names: tuple[object, ...]
+    ask: Forecaster
+
+    def futures(self, observed: Observed) -> Futures:
+        """The futures of who is observed."""
+        k = getattr(self.options, "k", 1)
+        if (positions := len(observed.t) * k * self.steps) > MOST_POSITIONS:
+            raise DataError(f"k {k}: {len(observed.t)} walkers have {positions:.2g} future positions; ask for fewer")
+        found = self.ask(observed, self.steps, stream_keys(observed.track_id, k, *self.names))
+        start = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
+        return Futures(observed.track_id, observed.t[:, -1], start, found, self.site)
+
+
+def predictor(
+    by: Map | str,
+    horizon_s: float | None = None,
+    seed: int = 0,
+    *,
+    k: int | None = None,
+    key: Sequence[str] = KEY,
+    exits: Map | bool | None = None,
+    site: Site | None = None,
+    **options: Any,
+) -> Predictor:
+    """What `forecast` asks once and `Live` again and again; the arguments are those of `forecast`."""
     record, site = (
         (map_kind(by.kind), site_of(site, by.site)) if isinstance(by, Map) else (free_kind(by), site_of(site))
     )
@@ -238,20 +297,27 @@ def forecast(
     given = {**options, **{name: value for name, value in asked.items() if value is not None}}
     ways_out = exits.whole if isinstance(exits, Map) else None
     chosen: Any = check(record.options, given, f"forecast with {record.name}")
-    observed = last_rows(history, site)
-    horizon_s = site.horizon_s if horizon_s is None else horizon_s
-    steps = whole_steps("horizon_s", horizon_s, site, LONGEST_S)
+    steps = whole_steps("horizon_s", site.horizon_s if horizon_s is None else horizon_s, site, LONGEST_S)
     if isinstance(key, str) or not isinstance(key, Sequence) or not all(isinstance(part, str) for part in key):
         raise DataError(f"key {key!r}: give names, such as (dataset, method, recording)")
     if not isinstance(seed, Integral) or isinstance(seed, bool) or seed < 0:
         raise DataError(f"seed {seed!r}: give a whole number of at least 0")
-    if (positions := len(observed.t) * getattr(chosen, "k", 1) * steps) > MOST_POSITIONS:
-        raise DataError(f"k {chosen.k}: {len(observed.t)} walkers have {positions:.2g} future positions; ask for fewer")
+    if getattr(chosen, "k", 1) * steps > MOST_POSITIONS:  # before a map is loaded
+        raise DataError(f"k {chosen.k}: one walker has {chosen.k * steps:.2g} future positions; ask for fewer")
     model = by.model(chosen) if isinstance(by, Map) else None
     ask = forecaster_of(record, model, site, chosen, ways_out)
-    keys = stream_keys(observed.track_id, getattr(chosen, "k", 1), int(seed), *key)
-    start = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
-    return Futures(observed.track_id, observed.t[:, -1], start, ask(observed, steps, keys), site)
+    return Predictor(site, chosen, steps, (int(seed), *key), ask)
+
+
+def _warn_of_frame(a_map: Map, observed: Observed) -> None:
+    """Warn where nobody is near a map that came from elsewhere: it may have another origin."""
+    tables = [*([] if a_map.whole is None else [a_map.whole]), *a_map.hours.values()]
+    if not any(map(imported, tables)):
+        return
+    try:
+        check_frame("forecast", tables, observed.x[:, -1], observed.y[:, -1])
+    except DataError as error:
+        logging.getLogger("modlhmp").warning("%s", error)
 
 
 def score(futures: Futures, truth: Tracks | np.ndarray, protocol: str = "complete") -> Scores:

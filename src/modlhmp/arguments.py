@@ -67,6 +67,10 @@ def free_kind(name: str) -> Kind:
         raise DataError(f"kind {name!r} cannot forecast by its name alone: give a Map, as build_map makes it")
     if record.learned:
         raise DataError(f"kind {name!r} is a network: the workflow trains it and forecasts with it, see the README")
+    if record.outside:
+        raise DataError(
+            f"kind {name!r} is scored, not asked: read the files with modlhmp.exchange, or run the workflow"
+        )
     if record.forecasts is None:
         raise DataError(f"kind {name!r} is made of other methods' forecasts, in the workflow")
     return record
@@ -115,8 +119,13 @@ def check_tracks(where: str, tracks: Tracks, site: Site) -> None:
         )
 
 
-def last_rows(history: Tracks | np.ndarray, site: Site) -> Observed:
-    """The last rows of each walker, as a forecaster sees them."""
+def uses_recorded(options: Any, site: Site) -> bool:
+    """Whether a method looks at recorded speeds and headings; those that replay walks know positions alone."""
+    return getattr(options, "velocity", "differences") == "dataset" and site.velocity == "as_recorded"
+
+
+def last_rows(history: Tracks | np.ndarray, site: Site, recorded: bool = False) -> Observed:
+    """The last rows of each walker, as a forecaster sees them; with speeds and headings if it uses `recorded` ones."""
     tracks = history if isinstance(history, Tracks) else _from_array(history)
     check_tracks("history", tracks, site)
     if not len(tracks.t):
@@ -138,10 +147,9 @@ def last_rows(history: Tracks | np.ndarray, site: Site) -> Observed:
     nowhere = ~(np.isfinite(tracks.x[rows]) & np.isfinite(tracks.y[rows])).all(axis=1)
     if nowhere.any():
         raise DataError(f"history: walker {whose[nowhere][0]}: a position in {last} is not a number")
-    recorded = np.isfinite(tracks.speed[rows]) & np.isfinite(tracks.heading[rows])
-    if site.velocity == "as_recorded" and not recorded.all():
+    if recorded and not (np.isfinite(tracks.speed[rows]) & np.isfinite(tracks.heading[rows])).all():
         raise DataError(
-            "history: the site's velocity is as_recorded, but rows lack speeds or headings; use velocity=`differences`"
+            "history: the site's velocity is as_recorded, but rows lack speeds or headings; use velocity='differences'"
         )
     nobody = np.empty((len(rows), 0, seen, 2))
     return Observed(whose, *(column[rows] for column in tracks[1:]), nobody)  # type: ignore[call-arg]

@@ -11,9 +11,11 @@ import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.file_format import FileFormat, Recording
+from modlhmp.ids import id_of
 from modlhmp.plausibility import ask_about, check_recording
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import People
+from modlhmp.scenes import of_pieces
 from modlhmp.settings import unknown
 from modlhmp.splits import in_part, in_split, only_of
 from modlhmp.storage import DataError
@@ -27,8 +29,10 @@ def clean_recording(path: str | Path | People, form: FileFormat, recording: Reco
     """Read a recording, apply the cleaning rules in their order, and resample it at the time step.
 
     Returns (Tracks at `time_step_s`, account as a dict of JSON data that adds up). Where ids are no plain numbers, the
-    account's `owners` are {track id: [owner's id, which piece of that track]} (`modlhmp.ids`). `DataError` where a
-    check of `modlhmp.plausibility` stops; `warnings` of the account are what others warn of, if any do.
+    account's `owners` are {track id: [owner's id, which piece of that track]} (`modlhmp.ids`); where pieces are one
+    person, `persons` are {track id of a later piece: that of the first}; where the file asks for forecasts itself,
+    `scenes` are these, of people who are left (`Scenes.plain`). `DataError` where a check of `modlhmp.plausibility`
+    stops; `warnings` of the account are what others warn of, if any do.
     """
     form = only_of(form, recording)
     path = source_of(path, form, recording)
@@ -83,7 +87,13 @@ def clean_rows(
             f"tracks dropped: {dict(account.dropped_tracks)}; {_remedy(form, usual_step(whole), account)}"
         )
     known = account.owners.of(tracks.track_id[tracks.bounds()[:-1]])
-    return tracks, {**account.as_dict(), **({"owners": known} if known else {})}
+    pieces = {number: id_of(owner) for number, (owner, piece) in known.items() if piece > 1 and form.same_person}
+    beside: dict[str, Any] = {name: ids for name, ids in (("owners", known), ("persons", pieces)) if ids}
+    if account.scenes is not None:
+        scenes = of_pieces(account.scenes, tracks, account.owners)
+        account.notes["scenes_of_others"] = len(account.scenes.begin) - len(scenes.begin)
+        beside["scenes"] = scenes.plain()
+    return tracks, {**account.as_dict(), **beside}
 
 
 def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Account) -> Tracks:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MaxLen, MinLen
 
-from modlhmp.cleaning import are_polygons, check_rules
+from modlhmp.cleaning import are_polygons, check_rules, clean_recording
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.files import check_different, find_files, names_of, recording_at
@@ -20,6 +20,7 @@ from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
 from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
+from modlhmp.tracks import Tracks
 from modlhmp.yaml_file import read_yaml
 
 VALIDATION_DAYS = 0.3
@@ -163,6 +164,14 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
     })  # fmt: skip
 
 
+def clean(dataset: Dataset, recording: Recording) -> Tracks:
+    """The clean tracks of a recording, as the workflow has them; `DataError` where it cannot be read."""
+    if not recording.exists:
+        raise DataError(f"{recording.path}: no such file; put it there, or correct `data_root`")
+    path = Path(recording.stored, recording.member) if recording.member else Path(recording.path)
+    return clean_recording(path, dataset, recording)[0]
+
+
 def divided(path: str | Path, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     """Recordings whose file holds both splits as one of each; whole days where that is how they are divided.
 
@@ -287,6 +296,10 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
         if no_clock and not entry.start:
             raise DataError(
                 f'{path}: the files have no clock; every entry of `recordings` needs a `start`, such as "09:00"'
+            )
+        if entry.start is not None and file.units.time == "iso":
+            raise DataError(
+                f"{path}: recordings: start {entry.start!r}: times are of a clock already (`iso`): leave it out"
             )
         if entry.start is not None and not re.fullmatch(_CLOCK, entry.start):
             raise DataError(f'{path}: recordings: start {entry.start!r} is no clock time such as "09:00"')

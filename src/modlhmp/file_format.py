@@ -15,7 +15,8 @@ Column = WholeFrom0 | str
 # Checks of whether a recording can be what is said of it, `modlhmp.plausibility` and `modlhmp.split_checks`.
 CheckName = Literal[
     "absurd_rows", "unreadable_rows", "walking_speed", "recorded_speed", "recorded_heading", "time_step", "outside_day",
-    "extent", "jumps", "repeated_rows", "shared_people", "untrained_place",
+    "extent", "jumps", "glued_files", "not_measured", "repeated_rows", "shared_people", "untrained_place", "horizon",
+    "hours",
 ]  # fmt: skip
 LENGTH_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _READER_NEEDS = {
@@ -85,7 +86,9 @@ class FileFormat:
         "split", "tracks with a gap: cut there, the pieces being different people, or dropped, as the paper does"
     )
     same_person: bool = option(
-        False, "whether the pieces of a track that was split go to one side of a split by person"
+        False,
+        "whether the pieces of a track that was split are one person: on one side of a split by person, and one "
+        "cluster of tests and intervals",
     )
     max_gap_s: Positive | None = option(
         None, "longest time between two rows of a track [s]; null: 5, or two time steps if these are more"

@@ -14,9 +14,10 @@ from modlhmp.storage import DataError
 
 if TYPE_CHECKING:
     from modlhmp.forecasting.modes import Modes
+    from modlhmp.forecasting.occupancy import Occupancy
 
 BANDWIDTH_CELLS = 1.0  # a sample's default spread in a density, in cells
-MOST_CELLS = 50_000_000  # of a density; more is a wrong unit, and would not fit in memory
+MOST_CELLS = 50_000_000  # of a density or an occupancy; more is a wrong unit, and would not fit in memory
 AROUND_BANDWIDTHS = 4.0  # how far a density's default extent reaches beyond the samples
 
 
@@ -152,6 +153,32 @@ class Futures:
         1 from the start for walkers whom the map does not know; `known` tells them apart.
         """
         return 1.0 - self.alive[:, :, self._step(at_s)].mean(axis=1)
+
+    def occupancy(self, cell_m: float = 1.0, extent: tuple[float, float, float, float] | None = None) -> "Occupancy":
+        """Probability that a cell will be occupied, at every time step, by any of these walkers.
+
+            p = futures.occupancy(extent=(0, 40, 0, 30)).probabilities  # [T, rows, columns]
+
+        What occupied means, and what is assumed: `forecasting.occupancy`. Cells have their corners at multiples of
+        `cell_m`; `extent` = (x low, x high, y low, y high) in m is what the grid covers, by default all samples. The
+        walkers must have been seen at the same moment, as those of `Live` have; `DataError` where they were not.
+        """
+        from modlhmp.forecasting import occupancy  # noqa: PLC0415 - a kernel, which few need
+
+        if not isinstance(cell_m, Real) or isinstance(cell_m, bool) or not 0 < float(cell_m) < np.inf:
+            raise DataError(f"cell_m {cell_m!r}: a size in m above 0 is needed")
+        if len(self.t0) and (apart := float(np.ptp(self.t0))) > 0.5 * self.site.time_step_s:
+            raise DataError(
+                f"occupancy: the walkers' t0 are {apart:.3g} s apart; forecast those who are there at one moment, as "
+                "modlhmp.Live does"
+            )
+        if extent is not None and not _is_box(extent):
+            raise DataError(f"extent {extent!r}: give (x low, x high, y low, y high) in m")
+        box = occupancy.extent_of(self.forecast, cell_m) if extent is None else extent
+        if (cells := (box[1] - box[0]) * (box[3] - box[2]) / cell_m**2 * len(self.times_s)) > MOST_CELLS:
+            raise DataError(f"occupancy: {cells:.2g} cells and moments; give an `extent`, or a larger cell_m")
+        t0 = float(self.t0.max()) if len(self.t0) else float("nan")
+        return occupancy.occupancy(self.forecast, self.times_s, t0, box, float(cell_m))
 
     def _step(self, at_s: float) -> int:
         return whole_steps("at_s", at_s, self.site, self.times_s[-1]) - 1

@@ -33,11 +33,12 @@ class Kind:
     title: str
     options: type  # settings class of a method's options
     module: str | None = None
-    forecasts: str | None = None  # None: a map that other methods use, or a mean of others' forecasts
+    forecasts: str | None = None  # None: a map that other methods use, or forecasts that are made of files
     building: type | None = None  # settings class of the map's building; None: there is no map
     built_like: str = ""  # the kind whose building options it shares
     hourly: bool = False  # one map per clock hour, each a file of a folder
     random: bool = True  # whether forecasts depend on the seed
+    outside: bool = False  # forecasts are files that others made
     one_path: bool = False  # whether its forecast is one path, which can be averaged with others'
     from_share: bool = False  # whether its map can be built again from a share of the training tracks
     learned: bool = False  # a network
@@ -61,8 +62,14 @@ class Kind:
 
     @property
     def has_samples(self) -> bool:
-        """Whether a forecast is several futures, which are a distribution."""
-        return self.forecasts is not None and (self.has_map or (self.learned and not self.one_path))
+        """Whether a forecast is several futures, which are a distribution; of files from outside it may be."""
+        several = self.forecasts is not None and (self.has_map or (self.learned and not self.one_path))
+        return several or self.outside
+
+    @property
+    def is_method(self) -> bool:
+        """Whether a run can compare it: it forecasts, is a mean of others' forecasts, or has some from outside."""
+        return self.forecasts is not None or self.name == "average" or self.outside
 
     def seeds(self, seeds: Sequence[int]) -> list[int]:
         """Those of the seeds with which it is run: without randomness the first is enough."""
@@ -117,6 +124,10 @@ BUILT_IN = (
         one_path=True, published=True,
     ),
     Kind(name="average", title="Average", options=options.Average, random=False, one_path=True),
+    Kind(
+        name="forecasts", title="Forecasts from outside", options=options.HandedIn, random=False, one_path=True,
+        outside=True,
+    ),
     _network("lstm", "LSTM", options.Lstm),
     _network("social_lstm", "Social LSTM", options.Lstm),
     _network("trajectronpp", "Trajectron++", options.Trajectronpp),

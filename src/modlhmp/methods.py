@@ -27,6 +27,7 @@ class Method:
     kind: str
     options: Any
     learning: Learning | None = None  # of a network
+    published: str = ""  # the method whose published map it uses; without one, its kind's map
 
     @property
     def futures(self) -> int:
@@ -42,7 +43,10 @@ class Method:
         """From what `plain` gave."""
         learning = build(Learning, plain["learning"]) if plain.get("learning") else None
         chosen: Any = build(find(plain["kind"]).options, plain["options"])
-        return cls(name=plain["name"], kind=plain["kind"], options=chosen, learning=learning)
+        return cls(
+            name=plain["name"], kind=plain["kind"], options=chosen, learning=learning,
+            published=plain.get("published", ""),
+        )  # fmt: skip
 
 
 def build_map(kind: str, tracks: Tracks, site: Site, building: Any) -> tuple[pa.Table | None, dict[int, pa.Table]]:

@@ -11,6 +11,7 @@ from modlhmp.tracks import Tracks, usual_step
 TRACK_QUANTILE, SITE_QUANTILE = 0.75, 0.9  # a track's speed when it moves, and the speed of tracks that move
 MOVING, JUMPING = 0.25, 8.0  # times that speed: slower is standing or jitter, faster is an id that jumps
 LONGEST = 3.0  # times the usual time: longer is a gap
+FAR, MOSTLY = 4.0, 0.8  # times the usual displacement: farther is a jump; the share that make one
 
 
 class Moves(NamedTuple):
@@ -47,6 +48,30 @@ def _speed_of_moving(track: np.ndarray, speed: np.ndarray) -> float:
     starts = np.concatenate([[0], np.flatnonzero(np.diff(track)) + 1, [len(track)]])
     at = starts[:-1] + (TRACK_QUANTILE * (np.diff(starts) - 1)).astype(np.int64)
     return float(np.quantile(speed[order][at], SITE_QUANTILE))
+
+
+def returned_to(rows: Tracks) -> tuple[np.ndarray, float, float]:
+    """Whether rows [n] are at the one position that people jump to and from, again and again; that position's x and y.
+
+    It is exactly the same for all, of several tracks, and most of those who come there or leave it go much farther
+    than between other rows: a number that stands for "not seen". Without such a place no row is at it.
+    """
+    nowhere = np.zeros(len(rows.t), bool), float("nan"), float("nan")
+    step = np.hypot(np.diff(rows.x), np.diff(rows.y))
+    step[np.diff(rows.track_id) != 0] = 0
+    if not (step > 0).any():
+        return nowhere
+    far = step > FAR * np.median(step[step > 0])
+    ends = np.unique(np.concatenate([np.flatnonzero(far), np.flatnonzero(far) + 1]))
+    if len(ends) < 2:
+        return nowhere
+    places, counts = np.unique(rows.x[ends] + 1j * rows.y[ends], return_counts=True)
+    place = places[np.argmax(counts)]
+    at = (rows.x == place.real) & (rows.y == place.imag)
+    moved = (at[1:] != at[:-1]) & (np.diff(rows.track_id) == 0)
+    if len(np.unique(rows.track_id[at])) < 2 or not moved.any() or far[moved].mean() < MOSTLY:
+        return nowhere
+    return at, float(place.real), float(place.imag)
 
 
 def recorded_ratio(rows: Tracks, around: Moves) -> tuple[float, float]:

@@ -131,6 +131,11 @@ class Episodes(Alike):
     """Of forecasts with an episode map."""
 
     persons: WholeFrom1 = option(25, "persons replayed: those still under way at each second")
+    samples: Literal["persons", "pieces"] = option(
+        "persons",
+        "single replays: of the nearest `persons`, once each; or of the nearest `pieces`, whosoever they are, as suits "
+        "a moment at which everyone is asked who is there: those who stay long are met most",
+    )
     reach_m: Metres = option(10.0, "persons farther from the walker in this metric are not replayed [m]")
 
 
@@ -154,6 +159,13 @@ class Average:
     """Of a method that is the mean path of others."""
 
     of: tuple[str, ...] = option((), "names of the methods whose paths are averaged (at least two)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandedIn:
+    """Of a method whose forecasts come from outside (docs/your-predictor.md)."""
+
+    folder: str = option("", "folder of the forecasts, or of a folder for each dataset, of its name")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.file_format import CheckName, FileFormat
-from modlhmp.motion import Moves, moves, recorded_agreement, recorded_ratio
+from modlhmp.motion import Moves, moves, recorded_agreement, recorded_ratio, returned_to
 from modlhmp.readers.delimited import SPEED_MPS
 from modlhmp.readers.hints import hint_of_units
 from modlhmp.speed_units import explain, extent_of
@@ -93,6 +93,8 @@ def absurd_rows(seen: Evidence) -> Told:
         return None
     first = account.first_seen.get("absurd_value", "none is kept")
     remedy = hint_of_units(known, 0) or "correct `units`, `scale` or `frame_rate`"
+    if count < 0.5 * read:
+        remedy += '; or name values that mean "not seen" as `missing`'
     return "stop", f"{count / read:.0%} of the rows are dropped as absurd (first: {first})", remedy
 
 
@@ -111,6 +113,23 @@ def repeated_rows(seen: Evidence) -> Told:
     """Rows of the same id and time, of which the first one counts."""
     remedy = "name all columns that make an id in `columns: {track_id: [...]}`, or a finer column of time"
     return _dropped(seen, "duplicate_row", REPEATED, "have the id and the time of another row", remedy)
+
+
+def glued_files(seen: Evidence) -> Told:
+    """Files that were put one after the other, so that the people of one are taken for those of another."""
+    account, told = seen.account, []
+    headers, repeated = account.dropped_rows["header_again"], account.dropped_rows["duplicate_row"]
+    if headers:
+        told.append(
+            f"the header stands again in the middle ({headers} times, first: {account.first_seen['header_again']})"
+        )
+    if repeated and account.starts_anew:
+        told.append(f"times start anew in the middle ({account.starts_anew} times)")
+    if not told:
+        return None
+    lost = f", and {repeated} rows with the id and time of an earlier one are dropped" if repeated else ""
+    remedy = "were files put one after the other? Give each by itself, as it was, in `recordings`"
+    return "warn", " and ".join(told) + lost, remedy
 
 
 def outside_day(seen: Evidence) -> Told:
@@ -215,6 +234,20 @@ def jumps(seen: Evidence) -> Told:
     return "warn", told, "do ids change hands? Check `columns: {track_id: ...}`; tracks are cut there (`max_jump_mps`)"
 
 
+def not_measured(seen: Evidence) -> Told:
+    """Rows at one and the same position, from which people jump back: a number that stands for "not seen"."""
+    at, x, y = returned_to(seen.rows)
+    count, form = int(at.sum()), seen.form
+    if len(at) < LEAST_ROWS or count < LEAST_JUMPS or count <= JUMPS * len(at):
+        return None
+    told = f"{count / len(at):.1%} of the rows are at exactly x {x:g} m, y {y:g} m, where people jump to and from"
+    if form.homography is not None or form.reader not in ("delimited", "text"):
+        return "stop", told, 'do they mean "not seen"? Name what the file has there as `missing`'
+    east, north = form.origin_m or (0, 0)
+    values = [round((part + begin) / form.metres, 6) + 0.0 for part, begin in ((x, east), (y, north))]
+    return "stop", told, 'if they mean "not seen", set `missing: {{x: {:.12g}, y: {:.12g}}}`'.format(*values)
+
+
 @dataclass(frozen=True)
 class Check:
     """A check, for the tables: what it compares, when it stops and when it warns, and the options that answer it."""
@@ -249,6 +282,11 @@ CHECKS = (
           extent),
     Check("jumps", "displacements faster than `max_jump_mps` (15 m/s)", "warns above 1 %",
           "`columns: {track_id}`, `max_jump_mps`", jumps),
+    Check("glued_files", "the header again in the middle of a file; or times that start anew there, in a file by time, "
+          "with rows of the id and time of an earlier one, which are dropped", "warns from the first", "`recordings`",
+          glued_files),
+    Check("not_measured", "rows at one and the same position that people jump to and from", "stops above 1 %",
+          "`missing`", not_measured),
     Check("repeated_rows", "rows with the id and time of another one, which are dropped", "warns above 10 %",
           "`columns: {track_id, t}`", repeated_rows),
     Check("shared_people", "test tracks that are in the training recordings as well: the same positions in the same "
@@ -256,8 +294,13 @@ CHECKS = (
           "`recordings`, `split`"),
     Check("untrained_place", "test rows in 1 m cells with training rows", "warns below half, stops below a tenth",
           "`recordings`, `units`, `origin_m`"),
+    Check("horizon", "how long test tracks last after what is observed", "warns where none lasts `horizon_s`",
+          "`horizon_s`, `observed_rows`"),
+    Check("hours", "training rows in every hour of `hours`", "warns where an hour has none",
+          "`hours`, `timezone`, `start`"),
 )  # fmt: skip
-_AFTER_SPEED = {"extent", "jumps"}  # they repeat what a wrong speed says
+# What other checks only repeat.
+_SAYS = {"walking_speed": {"extent", "jumps"}, "not_measured": {"jumps"}, "glued_files": {"repeated_rows"}}
 
 
 def check_recording(rows: Tracks, account: Account, form: FileFormat, clock: bool = False) -> list[Finding]:
@@ -267,11 +310,11 @@ def check_recording(rows: Tracks, account: Account, form: FileFormat, clock: boo
     """
     seen, found = Evidence(rows, account, form, clock), list[Finding]()
     for check in CHECKS:
-        wrong_speed = any(one.check == "walking_speed" for one in found)
-        told = check.of(seen) if check.of and not (wrong_speed and check.name in _AFTER_SPEED) else None
+        told = check.of(seen) if check.of else None
         if told is not None:
             found.append(Finding(check.name, *told))
-    return found
+    said = set().union(*(_SAYS.get(one.check, set()) for one in found))
+    return [one for one in found if one.check not in said]
 
 
 def ask_about(source: object, findings: Iterable[Finding], form: FileFormat) -> list[str]:

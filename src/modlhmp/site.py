@@ -41,7 +41,9 @@ class Site:
     )
     observed_rows: int = option(4, "rows that a forecaster sees; the last one is at t0 (at least 2)")
     forecast_every_s: Seconds | None = option(
-        None, "in the workflow another forecast of a track every so many seconds [s], each at its own t0; null: one"
+        None,
+        "in the workflow another forecast of a track every so many seconds [s], each at its own t0; null: one, or one "
+        "of each scene where the file has scenes (reader `trajnet`)",
     )
     horizon_s: Seconds = option(60.0, "longest horizon [s], a multiple of the time step")
     velocity: Literal["as_recorded", "differences"] = option(

@@ -15,6 +15,8 @@ RATES = (1, 2, 2.5, 3, 5, 6, 7.5, 9, 10, 12, 12.5, 15, 16, 20, 24, 25, 30, 50, 6
 _COMMON = (2.5, 10, 15, 25, 30)  # preferred among rates that explain as well
 _NEARER = 0.15  # by how much, in the logarithm of the speed
 EXTENT_M = (2.0, 2000.0)  # of places where people are recorded
+FOOT_M = 0.3048
+_LONGER = {"minutes": 60.0, "hours": 3600.0, "days": 86_400.0}  # as spreadsheets count times
 MOST = 3  # explanations that a message lists
 
 
@@ -25,6 +27,10 @@ class Explanation(NamedTuple):
     speed: float
     length: float = 1.0
     handicap: float = 0.0
+    is_option: bool = True
+
+    def __str__(self) -> str:
+        return f"`{self.option}`" if self.is_option else self.option
 
 
 def explain(measured: float, rows: Tracks, form: FileFormat, clock: bool) -> str:
@@ -41,7 +47,7 @@ def explain(measured: float, rows: Tracks, form: FileFormat, clock: bool) -> str
         if WALKING_MPS[0] <= (implied := measured * one.speed) <= WALKING_MPS[1]
     ]
     found.sort(key=lambda entry: entry[:2])
-    told = [f"`{one.option}` would give {measured * one.speed:.2g} m/s" for _, _, one in found[:MOST]]
+    told = [f"{one} would give {measured * one.speed:.2g} m/s" for _, _, one in found[:MOST]]
     if form.units.time == "frame" and form.frame_rate == 25 and 2 < measured < 3:
         told.append("the public biwi_eth.txt, read at 25 frames per second, is 1.67 times too fast: it has 15")
     return ", ".join(told)
@@ -81,6 +87,8 @@ def _of_length(measured: float, form: FileFormat) -> Iterator[Explanation]:
     if form.units.length == "m" and 0.005 < USUAL_MPS / measured < 0.1:  # metres that a pixel may have
         scale = USUAL_MPS / measured
         yield Explanation(f"units: {{length: px}}, scale: {scale:.2g}", scale, scale, 0.3)
+    if form.units.length == "m":
+        yield Explanation(f"units: {{length: px}}, scale: {FOOT_M}", FOOT_M, FOOT_M, 0.2)
 
 
 def _of_time(rows: Tracks, form: FileFormat) -> Iterator[Explanation]:
@@ -88,6 +96,9 @@ def _of_time(rows: Tracks, form: FileFormat) -> Iterator[Explanation]:
     for unit, other in SECONDS.items():
         if unit != form.units.time:
             yield Explanation(f"units: {{time: {unit}}}", seconds / other)
+    for name, per in _LONGER.items():
+        told = f"times in seconds (they look like {name}, for which there is no unit: rewrite the column)"
+        yield Explanation(told, seconds / per, is_option=False)
     steps = np.diff(rows.t)[np.diff(rows.track_id) == 0] / seconds
     if len(steps) and np.abs(steps - np.rint(steps)).max() < 1e-3:  # whole numbers may count frames
         for rate in RATES[1:]:

@@ -1,4 +1,4 @@
-"""Whether the two splits of a dataset are of different people at the same place: checks of all its clean recordings.
+"""Whether the splits of a dataset are of different people, at one place, as long and when its settings say.
 
 Memory does not grow with the rows: of each recording the outlines of its tracks and the cells are kept.
 """
@@ -10,7 +10,9 @@ import numpy as np
 
 from modlhmp.file_format import Recording
 from modlhmp.plausibility import Finding
-from modlhmp.tracks import MAX_GAP_S, Tracks
+from modlhmp.scoring.errors import lengths_counted
+from modlhmp.site import Site
+from modlhmp.tracks import MAX_GAP_S, Tracks, clock_hours
 
 LEAST_ROWS, LEAST_M = 4, 2.0  # of a track that could be told from another one's by its positions
 STOP_SHARED = 0.01
@@ -20,7 +22,10 @@ _MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np
 
 
 class _Seen(NamedTuple):
-    """What is kept of a recording: each track's id, begin, end [s] and a number of its positions; its cells."""
+    """What is kept of a recording: each track's id, begin, end [s] and a number of its positions; its cells.
+
+    Also the longest time that it can be forecast [s], and its clock hours; none where its day is unknown.
+    """
 
     recording: Recording
     ids: np.ndarray
@@ -29,27 +34,32 @@ class _Seen(NamedTuple):
     walk: np.ndarray
     cells: np.ndarray
     rows_of_cell: np.ndarray
+    ahead_s: float
+    hours: set[int]
 
 
-def check_splits(recordings: Iterable[tuple[Recording, Tracks]]) -> list[Finding]:
+def check_splits(recordings: Iterable[tuple[Recording, Tracks]], site: Site) -> list[Finding]:
     """What looks wrong about the splits of a dataset's clean recordings, which are taken one after the other."""
-    seen = [_seen(recording, tracks) for recording, tracks in recordings]
+    seen = [_seen(recording, tracks, site) for recording, tracks in recordings]
     train = [one for one in seen if one.recording.split == "train"]
     test = [one for one in seen if one.recording.split == "test"]
-    told = (_shared_people(train, test), _untrained_place(train, test))
+    told = (_shared_people(train, test), _untrained_place(train, test), _horizon(test, site), _hours(train, site))
     return [one for one in told if one is not None]
 
 
 def trained_share(train: Iterable[Tracks], test: Iterable[Tracks]) -> float:
     """The share of test rows in cells of 1 m with training rows; NaN without test rows."""
-    return _trained_share(*([_seen(Recording(day=""), one) for one in split] for split in (train, test)))
+    return _trained_share(*([_seen(Recording(day=""), one, Site()) for one in split] for split in (train, test)))
 
 
-def _seen(recording, tracks):
+def _seen(recording, tracks, site):
     bounds = tracks.bounds()
     first, last = bounds[:-1], bounds[1:] - 1
     cells, rows = np.unique(_cell(tracks.x, tracks.y), return_counts=True)
-    return _Seen(recording, tracks.track_id[first], tracks.t[first], tracks.t[last], _walks(tracks), cells, rows)
+    ahead_s = float(lengths_counted([tracks], site, "complete").max(initial=0.0))
+    hours = set(clock_hours(tracks.t, site.timezone).tolist()) if recording.day and site.hours else set()
+    ids, begin, end = tracks.track_id[first], tracks.t[first], tracks.t[last]
+    return _Seen(recording, ids, begin, end, _walks(tracks), cells, rows, ahead_s, hours)
 
 
 def _cell(x, y):
@@ -119,3 +129,26 @@ def _untrained_place(train, test):
     told = f"{share:.0%} of the test rows are in 1 m cells with training rows"
     remedy = "are both of the same place, in the same frame (`units`, `scale`, `origin_m`)? Or train on more recordings"
     return Finding("untrained_place", "stop" if share < STOP_TRAINED else "warn", told, remedy)
+
+
+def _horizon(test, site):
+    """Whether any test track is as long as the longest horizon."""
+    step = site.time_step_s
+    steps = int(max((one.ahead_s for one in test), default=0.0) / step + 0.05)
+    if not test or steps >= site.steps:
+        return None
+    if not steps:
+        told = f"no test track is long enough to be forecast: more than {site.observed_rows} rows, {step:g} s apart"
+        return Finding("horizon", "warn", told, "set fewer `observed_rows`, or test on longer recordings")
+    told = f"no test track lasts {site.horizon_s:g} s after what is observed, the longest does {steps * step:g} s"
+    return Finding("horizon", "warn", told, f"set `horizon_s: {steps * step:.6g}` or less")
+
+
+def _hours(train, site):
+    """Whether somebody trained in every hour that shall have a map."""
+    seen = set().union(*(one.hours for one in train))
+    empty = [hour for hour in site.listed_hours or [] if hour not in seen]
+    if not empty or not any(one.recording.day for one in train):
+        return None
+    told = f"nobody trains in {', '.join(map(str, empty))} of `hours`, so these have no map"
+    return Finding("hours", "warn", told, "correct `hours`, `timezone` or `start`, or train on more recordings")

@@ -201,15 +201,17 @@ def file_sha256(path: str | Path) -> str:
 def provenance(wildcards: Mapping[str, Any], params: Mapping[str, Any], inputs: Iterable[str | Path]) -> dict[str, Any]:
     """Where a result comes from: dataset and other wildcards, hash of the settings, code version, source files.
 
-    `inputs` are the files it was made of: a raw file is hashed, a Parquet file hands on the sources it carries, and
-    its settings and code go into the hash of the result's; so does the JSON file beside a network's weights.
+    `inputs` are the files it was made of: a raw file is hashed, a Parquet file of ours hands on the sources it carries,
+    and its settings and code go into the hash of the result's; so does the JSON file beside a network's weights.
     """
     settings = {key: value for key, value in params.items() if key != "code"}
     sources, upstream = {}, set()
     for path in map(Path, inputs):
         for file in sorted(path.glob("*.parquet")) if path.is_dir() else [path]:
-            if file.suffix in {".parquet", ".json"}:
-                origin = read_metadata(file) if file.suffix == ".parquet" else json.loads(file.read_text())["origin"]
+            origin = read_metadata(file) if file.suffix == ".parquet" else None
+            if file.suffix == ".json":
+                origin = json.loads(file.read_text()).get("origin")
+            if origin:
                 sources.update(origin.get("sources", {}))
                 upstream.add((str(origin.get("settings")), str(origin.get("code"))))
             elif file.is_file():

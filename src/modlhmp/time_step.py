@@ -1,4 +1,4 @@
-"""The common time step, imposed in one of two ways.
+"""The common time step, imposed on recordings in one of two ways, and on what is known at one moment (`ending_at`).
 
 Recordings that say how fast people walk keep the last sample of each person and step, as the 1 Hz ATC files do, while
 they are read, so that memory does not follow the raw rate. Others are interpolated once they are clean, since cleaning
@@ -8,8 +8,13 @@ counts their own rows.
 import numpy as np
 
 from modlhmp.account import Account
+from modlhmp.kernels import kernel
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, laid_out
+from modlhmp.tracks import MAX_GAP_S, Tracks, laid_out
+
+HERE, NEW, GONE = range(3)  # whether somebody can be forecast at a moment
+LATE_STEPS = 1.05  # how old a person's newest row may be, as of neighbours
+ROUNDING_S = 1e-6  # a double holds unix times to 2.4e-7 s
 
 
 def without_repeats(rows: Tracks, account: Account) -> Tracks:
@@ -75,3 +80,70 @@ def backward_differences(
     speed[same + 1] = np.hypot(dx, dy) / (t[same + 1] - t[same])
     heading[same + 1] = np.arctan2(dy, dx)
     return speed, heading
+
+
+def ending_at(
+    tracks: Tracks, t0: float, step_s: float, rows: int, gap_s: float = MAX_GAP_S
+) -> tuple[Tracks, np.ndarray]:
+    """Everyone's `rows` positions on the grid of `step_s` that ends at `t0` [unix s], from rows up to `t0` alone.
+
+    `tracks` are of any rate. Positions are linear between rows, a row at a moment of the grid is taken as it is, and
+    beyond the newest row a person goes on at the velocity of the last `step_s`. Somebody is `HERE` whose newest row is
+    at most `LATE_STEPS` steps old at `t0`, or half as old again as the one before was then (a slow sensor), and whose
+    rows reach back to the grid's beginning without a gap over `gap_s`; who has fewer is `NEW`, the others are `GONE`.
+    Returns the rows of those who are here, without velocities, and [m] which of the three each of the m tracks is.
+    """
+    bounds = tracks.bounds()
+    state, grid = np.empty(len(bounds) - 1, np.int8), np.empty((3, len(bounds) - 1, rows))
+    _end_at(tracks.t, tracks.x, tracks.y, bounds, float(t0), step_s, gap_s, grid, state)
+    here = state == HERE
+    unknown = np.full(rows * int(here.sum()), np.nan)
+    track_id = np.repeat(tracks.track_id[bounds[:-1]][here], rows)
+    return Tracks(track_id, *(part[here].ravel() for part in grid), unknown, unknown), state  # type: ignore[call-arg]
+
+
+@kernel
+def _end_at(t, x, y, bounds, t0, step_s, gap_s, grid, state):
+    """Fill `state` [m], and of those who are here `grid` [3, m, rows] with t, x, y."""
+    rows = grid.shape[2]
+    for track in range(len(state)):
+        first, last = bounds[track], bounds[track + 1] - 1
+        while last >= first and t[last] > t0 + ROUNDING_S:
+            last -= 1
+        lately = LATE_STEPS * step_s
+        if last > first:
+            lately = max(lately, 1.5 * (t[last] - t[last - 1]))
+        if last < first or t0 - t[last] > min(lately, gap_s):
+            state[track] = GONE
+            continue
+        begin = last  # first row after the last long gap
+        while begin > first and t[begin] - t[begin - 1] <= gap_s:
+            begin -= 1
+        if begin == last or t[begin] > t0 - (rows - 1) * step_s + ROUNDING_S:
+            state[track] = NEW
+            continue
+        state[track] = HERE
+        back = last
+        for age in range(rows):
+            at, place = t0 - age * step_s, rows - 1 - age
+            while t[back] > at + ROUNDING_S:
+                back -= 1
+            grid[0, track, place] = t[back] if abs(t[back] - at) <= ROUNDING_S else at
+            if back == last:
+                before = _at(t, x, begin, last, t[last] - step_s), _at(t, y, begin, last, t[last] - step_s)
+                rate = (grid[0, track, place] - t[last]) / min(step_s, t[last] - t[begin])
+                grid[1, track, place] = x[last] + rate * (x[last] - before[0])
+                grid[2, track, place] = y[last] + rate * (y[last] - before[1])
+            else:
+                grid[1, track, place] = _at(t, x, back, back + 1, grid[0, track, place])
+                grid[2, track, place] = _at(t, y, back, back + 1, grid[0, track, place])
+
+
+@kernel
+def _at(t, values, first, last, at):
+    """A value at a time, linear between rows `first` to `last`; that of the first row before it."""
+    row = last - 1
+    while row > first and t[row] > at:
+        row -= 1
+    part = max(at - t[row], 0.0) / (t[row + 1] - t[row])
+    return values[row] + part * (values[row + 1] - values[row])

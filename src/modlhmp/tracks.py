@@ -3,7 +3,7 @@
 One row per person and time step, sorted by track, then time. Units: s (unix, UTC), m, m/s, rad in (-pi, pi].
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import lru_cache
 from numbers import Integral, Real
@@ -96,7 +96,11 @@ def owner_ids(path: str | Path) -> dict[int, str]:
 
     The second piece of a track that was cut is `P01 #2`.
     """
-    known = read_metadata(path).get("owners", {})
+    return owner_texts(read_metadata(path).get("owners", {}))
+
+
+def owner_texts(known: Mapping[str, Sequence[Any]]) -> dict[int, str]:
+    """The same from an account's `owners`, {track id: (owner's id, which piece of that track)}."""
     return {int(number): owner + (f" #{piece}" if piece > 1 else "") for number, (owner, piece) in known.items()}
 
 
@@ -107,6 +111,24 @@ def with_owners(table: pa.Table, owners: Mapping[int, str] | None) -> pa.Table:
     texts = pa.array([owners.get(one, str(one)) for one in column(table, "track_id").tolist()], pa.string())
     at = table.column_names.index("track_id") + 1
     return table.add_column(at, "owner_id", texts.dictionary_encode())
+
+
+def person_ids(*paths: str | Path) -> dict[int, int]:
+    """{track id of a later piece: that of the first} of clean recordings, where pieces of a cut track are one person.
+
+    Empty where they are not (`same_person`).
+    """
+    known = [read_metadata(path).get("persons", {}) for path in paths]
+    return {int(piece): whole for one in known for piece, whole in one.items()}
+
+
+def with_persons(table: pa.Table, persons: Mapping[int, int]) -> pa.Table:
+    """A table with a column `track_id`, and at its end whose each is as `person`; without `persons` as it is."""
+    if not persons:
+        return table
+    return table.append_column(
+        "person", pa.array([persons.get(one, one) for one in column(table, "track_id").tolist()])
+    )
 
 
 def read_tracks(path: str | Path) -> Tracks:
@@ -194,7 +216,7 @@ def clock_offsets(t: np.ndarray, timezone: str) -> np.ndarray:
     return np.array(offsets, float)[inverse.ravel()].reshape(np.shape(t))
 
 
-@lru_cache(maxsize=1 << 16)
+@lru_cache(maxsize=1 << 12)  # three days: a stream of weeks is not to fill memory
 def _offset(minute: int, timezone: str) -> float:
     local = datetime.fromtimestamp(60 * minute, ZoneInfo(timezone))
     return local.utcoffset().total_seconds()  # type: ignore[union-attr]

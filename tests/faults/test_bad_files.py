@@ -117,7 +117,7 @@ def test_blank_lines_only(write, form, content):
 
 def test_a_header_and_nothing_more(write):
     for content in ("time,person,x,y\n", "time,person,x,y"):
-        refused(write(content), "named", "no usable row")
+        refused(write(content), "named", "has no row")
 
 
 def test_an_announcement_and_nothing_more(write):

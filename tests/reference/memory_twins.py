@@ -77,11 +77,13 @@ def median(points):
     return tuple(at)
 
 
-def replay(people, seen, steps, step_s, k, weights, metric, hours, pace=1.0, reach_m=10.0, exclude_s=0.0):
+def replay(
+    people, seen, steps, step_s, k, weights, metric, hours, pace=1.0, reach_m=10.0, exclude_s=0.0, of_pieces=False
+):
     """([(x, y) or None] * T, [[(x, y) or None] * T] * 4k) of a walker seen at rows (t, x, y); None if nobody is near.
 
     None in a path: gone. `hours(t)` is the clock time. The 8 k most alike pieces are looked up; of a person the most
-    alike counts.
+    alike counts, in the samples every piece if they are `of_pieces`.
     """
     past, (t0, *here) = len(seen) - 1, seen[-1]
     walker, speed = point(here, seen_velocities(seen), weights, metric, hours(t0))
@@ -91,16 +93,17 @@ def replay(people, seen, steps, step_s, k, weights, metric, hours, pace=1.0, rea
             before = velocities([at[1:] for at in walk[row - past : row + 1]], step_s)
             other, pace_of = point(walk[row][1:], before, weights, metric, hours(walk[row][0]))
             pieces.append((math.dist(walker, other), person, row, pace_of))
-    followed = {}
+    usable, followed = [], {}
     for distance, person, row, other in sorted(pieces)[: 8 * k]:
         excluded = exclude_s and abs(people[person][row][0] - t0) <= exclude_s
-        if distance <= reach_m and not excluded and person not in followed:
-            followed[person] = row, pace_factor(speed, other, pace)
+        if distance <= reach_m and not excluded:
+            usable.append((person, row, pace_factor(speed, other, pace)))
+            followed.setdefault(person, usable[-1])
     if not followed:
         return None
 
-    def at(person, step):
-        row, rate = followed[person]
+    def at(piece, step):
+        person, row, rate = piece
         walk, on = people[person], row + step * rate
         if on > len(walk) - 1:
             return None
@@ -111,10 +114,11 @@ def replay(people, seen, steps, step_s, k, weights, metric, hours, pace=1.0, rea
             for axis in range(2)
         )
 
-    samples = [[at(list(followed)[n % len(followed)], step) for step in range(1, steps + 1)] for n in range(4 * k)]
+    sampled = usable if of_pieces else list(followed.values())
+    samples = [[at(sampled[n % len(sampled)], step) for step in range(1, steps + 1)] for n in range(4 * k)]
     path = []
     for step in range(1, steps + 1):
-        there = [place for place in (at(person, step) for person in followed) if place is not None][:k]
+        there = [place for place in (at(piece, step) for piece in followed.values()) if place is not None][:k]
         path.append(median(there) if there else None)
     return path, samples
 

@@ -132,6 +132,8 @@ def test_fewer_than_asked_for_are_found_where_there_are_fewer():
         {"weights": [1.0]},
         {"step_s": 0.5},
         {"step_s": 2.0, "k": 5},
+        {"of_pieces": True},
+        {"of_pieces": True, "k": 2, "reach_m": 2.0, "exclude_s": 12.0},
     ],
     ids=str,
 )
@@ -216,6 +218,22 @@ def test_a_person_has_one_vote():
     got = replay(mod, walker((5, 5), (0, 0)), 10, 1.0, 25, 1.0, 10.0)
     assert (got.steps_alive[0, 0], got.steps_alive.shape[1]) == (10, 101)
     assert got.xy[0, 0, -1, 0] > 10.0
+
+
+def test_of_those_who_are_there_now_most_linger():
+    """One stands about for 100 s, ten for 5: who is met standing is going to stay, although most who stood did not."""
+    lingering = crowds.walk(1, np.arange(100.0), np.full((100, 2), 5.0))
+    leaving = [
+        crowds.walk(2 + n, np.arange(8.0), [(5.0, 5.0)] * 5 + [(5.0 + 2 * s, 5.0) for s in range(1, 4)])
+        for n in range(10)
+    ]
+    mod, one = map_of(concatenate([lingering, *leaving])), walker((5, 5), (0, 0))
+    pieces = [96.0, 10 * 2.0]  # rows with three before them, all at the same place: of the one, and of the ten
+    for of_pieces, stay in ((True, pieces[0] / sum(pieces)), (False, 1 / 11)):
+        got = replay(mod, one, 3, 1.0, 25, 1.0, 0.1, 0.0, of_pieces)
+        assert (got.xy[0, 1:, -1, 0] < 5.1).mean() == pytest.approx(stay, abs=0.05)
+    ours, theirs = (replay(mod, one, 3, 1.0, 25, 1.0, 10.0, 0.0, of_pieces) for of_pieces in (True, False))
+    np.testing.assert_array_equal(ours.results.xy, theirs.results.xy)
 
 
 def test_the_nearest_who_are_still_there_vote():

@@ -40,7 +40,7 @@ def test_readings_by_hand():
     """Five tracks, the last idle; seed 0 forecasts tracks 0, 1, 4 to the end, seed 1 tracks 0, 2, 4."""
     tracks, off = walkers(5, idle=[4]), np.array([1.0, 2.0, 3.0, 4.0, 10.0])
     alive = [[6, 6, 2, 0, 6], [6, 1, 6, 0, 6]]
-    found = readings([(tracks, forecasts(tracks, alive, off))], SITE).set_index(["idle", "left", "tracks"])
+    found = readings([(tracks, forecasts(tracks, alive, off), None)], SITE).set_index(["idle", "left", "tracks"])
     expected = {
         ("kept", "held", OWN): (4.0, 5, 5), ("kept", "dropped", OWN): ((13 / 3 + 14 / 3) / 2, 3, 5),
         ("kept", "dropped", UNION): (4.0, 4, 5), ("kept", "dropped", COMMON): (5.5, 2, 5),
@@ -59,7 +59,7 @@ def test_both_protocols_are_among_them(tmp_path):
     rng = np.random.default_rng(2)
     tracks, off = walkers(40, idle=[3, 17]), rng.gamma(2, 1, 40)
     alive = rng.integers(0, 2 * STEPS, (2, 40)).clip(max=STEPS).tolist()
-    found = readings([(tracks, forecasts(tracks, alive, off))], SITE).set_index(["idle", "left", "tracks"])
+    found = readings([(tracks, forecasts(tracks, alive, off), None)], SITE).set_index(["idle", "left", "tracks"])
     write_parquet(score_recording(tracks, forecasts(tracks, alive, off), "day", SITE), tmp_path / "e.parquet")
     table = summarise("d", "m", read_errors(tmp_path / "e.parquet"), 1.0)
     table = table[(table["output"] == "ranked") & (table["horizon_s"] == STEPS)].set_index("protocol")
@@ -72,15 +72,15 @@ def test_both_protocols_are_among_them(tmp_path):
 
 def test_recordings_are_taken_together_and_short_tracks_do_not_count():
     tracks, short, off = walkers(3), walkers(2, rows=8), np.ones(5)
-    two = [(tracks, forecasts(tracks, [[6] * 3], off[:3])), (short, [(0, np.arange(2), _of(short))])]
+    two = [(tracks, forecasts(tracks, [[6] * 3], off[:3]), None), (short, [(0, np.arange(2), _of(short))], None)]
     found = readings(two, SITE)
     assert set(found["eligible"]) == {3}
 
 
 def test_a_recording_without_a_usable_track_says_nothing():
     tracks, off = walkers(3), np.ones(3)
-    alone = readings([(tracks, forecasts(tracks, [[6] * 3] * 2, off))], SITE)
-    beside = readings([(walkers(2, rows=3), []), (tracks, forecasts(tracks, [[6] * 3] * 2, off))], SITE)
+    alone = readings([(tracks, forecasts(tracks, [[6] * 3] * 2, off), None)], SITE)
+    beside = readings([(walkers(2, rows=3), [], None), (tracks, forecasts(tracks, [[6] * 3] * 2, off), None)], SITE)
     pd.testing.assert_frame_equal(alone, beside)
 
 

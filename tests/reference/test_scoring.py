@@ -430,7 +430,9 @@ def test_summary_by_hand():
     nan = np.nan
     # two seeds, three tracks, one step; the second track is scored by one seed only, the third by none
     ade = np.array([[[1.0], [5.0], [nan]], [[3.0], [nan], [nan]]])
-    one = Errors(np.array(["a/1", "a/2", "a/3"]), ade, 2 * ade, np.array([1, 1, 1]), np.zeros(3, bool))
+    one = Errors(
+        np.array(["a/1", "a/2", "a/3"]), ade, 2 * ade, np.array([1, 1, 1]), np.zeros(3, bool), np.array(["a"] * 3)
+    )
     (line,) = summarise("d", "m", {("ranked", "paper"): one}, 1.0).itertuples()
     assert (line.ade_m, line.fde_m) == (3.0, 6.0)  # the seeds' means are 3 and 3
     assert line.ade_sd_m == pytest.approx(3 / math.sqrt(2))  # of 2 and 5
@@ -449,7 +451,7 @@ def test_the_mean_does_not_grow_with_the_number_of_seeds(seed):
     ade = np.where(scored, hard, np.nan)[:, :, None]
     few, many = (
         summarise("d", "m", {("ranked", "paper"): Errors(np.arange(400).astype(str), ade[:k], ade[:k],
-                  np.ones(400, int), np.zeros(400, bool))}, 1.0)
+                  np.ones(400, int), np.zeros(400, bool), np.arange(400).astype(str))}, 1.0)
         for k in (2, 8)
     )  # fmt: skip
     assert many["ade_m"].item() == pytest.approx(few["ade_m"].item(), rel=0.1)

@@ -228,7 +228,7 @@ def made_up_errors(seed, tracks, outputs, offset, seeds=2):
             order = np.argsort(keys)
             unknown = np.arange(len(tracks)) < 3
             found[output, protocol] = Errors(
-                keys[order], ade[:, order], 2 * ade[:, order], np.full(len(tracks), STEPS), unknown[order]
+                keys[order], ade[:, order], 2 * ade[:, order], np.full(len(tracks), STEPS), unknown[order], keys[order]
             )
     return found
 
@@ -286,7 +286,7 @@ def test_p_without_the_tracks_that_one_side_could_not_forecast():
     level = ade + rng.normal(0, 0.01, (1, 100, 1))
     worse = np.where(held[None, :, None], level + 5, level)
     sides = {
-        name: {("single", protocol): Errors(keys, one, one, np.ones(100, int), unknown) for protocol in PROTOCOLS}
+        name: {("single", protocol): Errors(keys, one, one, np.ones(100, int), unknown, keys) for protocol in PROTOCOLS}
         for name, one, unknown in (("a", ade, np.zeros(100, bool)), ("b", worse, held))
     }
     table = compare("hall", sides, [("a", "b")], [1.0], {"day0": "2030-01-01"})

@@ -16,18 +16,21 @@ from modlhmp.forecasting.neighbours import find_neighbours
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import in_order, windows
 from modlhmp.options import ConstantVelocity
+from modlhmp.scenes import Scenes
 from modlhmp.scoring.encounters import encounters
 from modlhmp.scoring.errors import ground_truth, is_idle, lengths_counted, stands_about, truth_of
 from modlhmp.scoring.recording import score_recording
+from modlhmp.scoring.ttests import paired_test
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.site import IdleFilter, PaperProtocol, Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys, uniforms
-from modlhmp.study.comparisons import clusters, compare, persons
+from modlhmp.study.comparisons import clusters, compare, side_by_side, tracks_of
+from modlhmp.study.ladder import scores
 from modlhmp.study.readings import readings
 from modlhmp.study.reliability import calibration, read_uncertainty
 from modlhmp.study.summary import at_horizons
-from modlhmp.tracks import Tracks, concatenate, empty_tracks, together, usable_tracks
+from modlhmp.tracks import Tracks, concatenate, empty_tracks, together, usable_tracks, with_persons
 
 FEW = settings(max_examples=25, deadline=None, derandomize=True)
 ONCE = Site(observed_rows=4, horizon_s=8.0, timezone="Asia/Tokyo")
@@ -59,8 +62,8 @@ def scattered(observed, steps, keys):
     return Forecast(xy, -np.cumsum(noise[..., 0], -1).astype(np.float32), np.full((n, k), steps, np.int32), "ranked")
 
 
-def forecasts(tracks, site, seeds=(0, 1), k=3, forecaster=scattered):
-    return forecast_recording(tracks, forecaster, site, NAMES, k, seeds)
+def forecasts(tracks, site, seeds=(0, 1), k=3, forecaster=scattered, scenes=None):
+    return forecast_recording(tracks, forecaster, site, NAMES, k, seeds, scenes=scenes)
 
 
 def joined(tracks, site, seed=0, **options):
@@ -214,6 +217,104 @@ def test_forecasts_of_other_tracks_are_refused():
         list(in_order(forecasts(tracks, ONCE), windows(tracks, OFTEN)))
 
 
+# --- scenes -------------------------------------------------------------------------------------------------
+
+
+def scenes_of(tracks, rng, number=60):
+    """Scenes of people who are there, at their rows or between them, too long or of nobody."""
+    rows = rng.integers(0, len(tracks.t), number)
+    begin = tracks.t[rows] + rng.choice([0, 0, 0.3, -0.02, -3], number)
+    whose = np.where(rng.random(number) < 0.9, tracks.track_id[rows], 999)
+    return Scenes(whose, begin, begin + rng.choice([2, 5, 11, 40], number))
+
+
+@FEW
+@given(st.integers(0, 10**6), st.sampled_from([2, 4, 8]))
+def test_windows_of_scenes_equal_the_loop(seed, observed_rows):
+    tracks, site, expected = recording(seed), replace(ONCE, observed_rows=observed_rows), {}
+    scenes = scenes_of(tracks, np.random.default_rng(seed))
+    found = windows(tracks, site, scenes)
+    usable = {tracks.track_id[first]: (first, last) for first, last in usable_tracks(tracks, observed_rows)}
+    for whose, begin, end in zip(*scenes, strict=True):
+        if whose not in usable or tracks.t[usable[whose][0]] > begin + 0.05:
+            continue
+        rows = [row for row in range(*usable[whose]) if tracks.t[row] >= begin - 0.05]
+        if len(rows) >= observed_rows:
+            t0 = rows[observed_rows - 1]
+            until = min(end, tracks.t[usable[whose][1]])
+            if until - tracks.t[t0] >= 0.95:
+                expected[whose, t0] = max(until, expected.get((whose, t0), 0))
+    assert list(zip(found.track_id.tolist(), found.row.tolist(), strict=True)) == sorted(expected)
+    assert found.until.tolist() == [expected[one] for one in sorted(expected)]
+    assert (found.tracks[found.of, 0] + observed_rows - 1 <= found.row).all()
+    _, length = truth_of(tracks, found, site)
+    assert (length >= 1).all()
+    ends = tracks.t[found.tracks[found.of, 1]]
+    assert (length <= np.floor(ends - found.t0 + 0.05)).all()
+
+
+def test_a_scene_is_nine_rows_and_twelve_steps():
+    """As in the challenge: 21 rows of 0.4 s. What comes after the scene is neither forecast nor scored."""
+    site = Site(observed_rows=9, time_step_s=0.4, horizon_s=6.0)
+    walk = straight(7, (0, 0), (1, 0), 60, step_s=0.4)
+    begin = walk.t[0] + 0.4 * np.array([0, 10, 30, 39, 51])
+    found = windows(walk, site, Scenes(np.full(5, 7), begin, begin + 8.0))
+    truth, length = truth_of(walk, found, site)
+    assert found.row.tolist() == [8, 18, 38, 47]  # the last one has no row after it
+    assert length.tolist() == [12, 12, 12, 12]
+    assert np.isfinite(truth[:, :12]).all()
+    assert np.isnan(truth[:, 12:]).all()
+    np.testing.assert_allclose(truth[:, 11, 0], walk.x[[20, 30, 50, 59]])
+    assert found.later_s.round(6).tolist() == [0.0, 4.0, 12.0, 15.6]
+    assert found.several
+
+
+def test_scenes_do_not_change_what_every_so_many_seconds_says():
+    tracks = recording(15)
+    scenes = scenes_of(tracks, np.random.default_rng(0))
+    for one, other in zip(windows(tracks, OFTEN, scenes), windows(tracks, OFTEN), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_no_scene_is_no_forecast():
+    nobody = Scenes(np.empty(0, np.int64), np.empty(0), np.empty(0))
+    found = windows(recording(), ONCE, nobody)
+    assert (len(found.t0), len(found.until), found.several) == (0, 0, True)
+    assert len(windows(empty_tracks(), ONCE, nobody).t0) == 0
+
+
+def test_a_scene_at_a_track_s_first_row_has_the_only_forecast_s_random_numbers():
+    tracks = recording(16)
+    usable = usable_tracks(tracks, 4)[:, 0]
+    scenes = Scenes(tracks.track_id[usable], tracks.t[usable], tracks.t[usable] + 40)
+    np.testing.assert_array_equal(joined(tracks, ONCE), joined(tracks, ONCE, scenes=scenes))
+    later = scenes._replace(begin=scenes.begin + 1)
+    assert not np.isin(joined(tracks, ONCE, scenes=later)[:, 0, 0], joined(tracks, ONCE)[:, 0, 0]).any()
+
+
+def test_scores_are_of_scenes_and_clusters_of_persons(tmp_path):
+    tracks = recording(17, tracks=12)
+    scenes = scenes_of(tracks, np.random.default_rng(1))
+    found, own = windows(tracks, ONCE, scenes), {"scenes": scenes}
+    _, length = truth_of(tracks, found, ONCE)
+    assert len(set(found.track_id.tolist())) < len(found.t0)
+    table = score_recording(tracks, forecasts(tracks, ONCE, **own), "day", ONCE, **own)
+    once = table.to_pandas().query("output == 'ranked' and protocol == 'complete' and seed == 0")
+    assert (once["track_id"].tolist(), once["t0"].tolist()) == (found.track_id.tolist(), found.t0.tolist())
+    assert once["eligible_steps"].tolist() == np.minimum(length, 8).tolist()
+    write_parquet(table, tmp_path / "e.parquet")
+    errors = at_horizons(tmp_path / "e.parquet", [1.0], 1.0)["ranked", "complete"]
+    assert sorted(errors.person) == sorted(f"day/{track}" for track in found.track_id)
+    _, _, steps = encounters(tracks, forecasts(tracks, ONCE, **own), tracks, ONCE, scenes)
+    np.testing.assert_array_equal(steps, length)
+    read = readings([(tracks, forecasts(tracks, ONCE, **own), scenes)], ONCE)
+    assert set(read.loc[read["idle"] == "kept", "eligible"]) == {(length >= 8).sum()}
+    measured = score_samples(tracks, forecasts(tracks, ONCE, **own), "day", ONCE, 3, [2.0], scenes).to_pandas()
+    assert measured.loc[measured["seed"] == 0, "t0"].tolist() == found.t0.tolist()
+    with pytest.raises(ValueError, match=r"other tracks|fewer tracks"):
+        score_recording(tracks, forecasts(tracks, ONCE, **own), "day", ONCE)
+
+
 # --- scores and statistics ----------------------------------------------------------------------------------
 
 
@@ -232,8 +333,8 @@ def test_n_counts_forecasts_and_clusters_count_persons(tmp_path):
     one = errors["good"]["ranked", "complete"]
     _, length = truth_of(tracks, found, OFTEN)
     assert len(one.keys) == len(set(one.keys)) == len(found.t0)
-    assert set(persons(one.keys)) == {f"day/half/{track}" for track in set(found.track_id.tolist())}
-    assert sorted(clusters(one.keys, {"day/half": "2030-01-01"})) == sorted(
+    assert set(tracks_of(one.keys)) == {f"day/half/{track}" for track in set(found.track_id.tolist())}
+    assert sorted(clusters(one.person, {"day/half": "2030-01-01"})) == sorted(
         f"day/half/{track}" for track in found.track_id
     )
     tests = compare("hall", errors, [("good", "bad")], [1.0, 5.0], {"day/half": "2030-01-01"})
@@ -242,7 +343,48 @@ def test_n_counts_forecasts_and_clusters_count_persons(tmp_path):
         assert set(of["n"]) == {(length >= steps).sum()}
         assert set(of["clusters"]) == {len(set(found.track_id[length >= steps].tolist()))}
     days = {f"d{n}": f"2030-01-0{n}" for n in range(1, 6)}
-    assert clusters(["d1/4@1.5", "d2/7"], days).tolist() == ["2030-01-01", "2030-01-02"]
+    assert clusters(["d1/4", "d2/7"], days).tolist() == ["2030-01-01", "2030-01-02"]
+
+
+@pytest.mark.parametrize("site", [ONCE, OFTEN], ids=["once", "often"])
+def test_pieces_of_one_person_are_one_cluster_everywhere(tmp_path, site):
+    """As if every forecast of hers were under one id: in tests, intervals of the ladder, calibration."""
+    tracks, persons = recording(14, tracks=24), {100 + n: 100 + n - n % 4 for n in range(24) if n % 4}
+    errors, horizons, days = {}, [2.0, 5.0], {"day": "2030-01-01"}
+    for shift, method in ((0, "good"), (1, "bad")):
+
+        def moved(observed, steps, keys, shift=shift):
+            one = scattered(observed, steps, keys)
+            return one._replace(xy=one.xy + np.float32(shift))
+
+        table = score_recording(tracks, forecasts(tracks, site, forecaster=moved), "day", site)
+        write_parquet(with_persons(table, persons), tmp_path / f"{method}.parquet")
+        errors[method] = at_horizons(tmp_path / f"{method}.parquet", horizons, 1.0)
+    alone = {
+        method: {key: one._replace(person=tracks_of(one.keys)) for key, one in found.items()}
+        for method, found in errors.items()
+    }
+    whole = {f"day/{track}": f"day/{persons.get(track, track)}" for track in range(100, 124)}
+    for one in errors["good"].values():
+        assert one.person.tolist() == [whole[key] for key in tracks_of(one.keys)]
+    tests, apart = (compare("hall", one, [("good", "bad")], horizons, days) for one in (errors, alone))
+    of = tests[(tests["horizon_s"] == 2.0) & (tests["protocol"] == "complete")]
+    both = side_by_side(*(errors[name]["ranked", "complete"] for name in errors), "ade", days)
+    expected = paired_test(
+        both.ours[:, :, 0], both.theirs[:, :, 0], np.array([whole[one] for one in tracks_of(both.keys)])
+    )
+    assert (of["clusters"].iloc[0], of["ci_low_m"].iloc[0]) == (expected.clusters, expected.low)
+    assert expected.clusters <= 6 < apart["clusters"].min()
+    assert not np.allclose(tests["ci_low_m"], apart["ci_low_m"])
+    intervals, lone = (scores("hall", one, horizons, [2, 5], days) for one in (errors, alone))
+    assert (intervals["ade_m"] == lone["ade_m"]).all()
+    assert not np.allclose(intervals["ade_low_m"], lone["ade_low_m"])
+    measured = with_persons(score_samples(tracks, forecasts(tracks, site), "day", site, 3, horizons), persons)
+    write_parquet(measured, tmp_path / "u.parquet", horizons_s=horizons)
+    _, _, person = read_uncertainty(tmp_path / "u.parquet")
+    first = [persons.get(track, track) for track in windows(tracks, site).track_id.tolist()]
+    assert len(person) == len(first)
+    assert len(set(zip(person.tolist(), first, strict=True))) == len(set(first)) == len(set(person.tolist()))
 
 
 def test_all_forecasts_of_an_idle_track_are_idle():
@@ -264,7 +406,7 @@ def test_all_other_scores_count_forecasts(tmp_path):
     assert met.shape == (2, len(found.t0), 8)
     np.testing.assert_array_equal(steps, length)
     assert truth_met.shape == (len(found.t0), 8)
-    table = readings([(tracks, forecasts(tracks, OFTEN))], OFTEN)
+    table = readings([(tracks, forecasts(tracks, OFTEN), None)], OFTEN)
     assert set(table.loc[table["idle"] == "kept", "eligible"]) == {(length >= 8).sum()}
     measured = score_samples(tracks, forecasts(tracks, OFTEN), "day", OFTEN, 3, [2.0, 8.0])
     write_parquet(measured, tmp_path / "u.parquet", horizons_s=[2.0, 8.0])

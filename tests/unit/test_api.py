@@ -368,6 +368,18 @@ def test_a_forecast_that_cannot_be_made(arguments, named, message):
     refused(message, modlhmp.forecast, *arguments, **named)
 
 
+@pytest.mark.parametrize(("kind", "options"), [("episodes", FEW["episodes"]), ("cliff", {"velocity": "differences"})])
+def test_positions_are_enough_where_no_recorded_velocity_is_used(kind, options):
+    """Although the site's recordings have some: a robot's tracker has none."""
+    site = dataclasses.replace(SITE, velocity="as_recorded")
+    a_map, history = modlhmp.build_map(kind, PEOPLE, site), seen(PEOPLE)
+    bare = history._replace(speed=np.full(len(history.t), np.nan), heading=np.full(len(history.t), np.nan))
+    ours, theirs = (modlhmp.forecast(a_map, one, **options) for one in (bare, history))
+    np.testing.assert_array_equal(ours.paths, theirs.paths)
+    if kind == "cliff":
+        refused("use velocity='differences'", modlhmp.forecast, a_map, bare)
+
+
 def test_ways_out(maps):
     """A map that is sampled needs them as a map of their own; a snippet knows whether its person left."""
     exits, history = modlhmp.build_map("exits", PEOPLE, SITE), seen(PEOPLE)

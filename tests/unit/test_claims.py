@@ -24,7 +24,7 @@ def errors_of(mean, outputs=("ranked", "mean"), tracks=200, seed=0, spread=0.5):
     ade = np.asarray(mean, float) + rng.normal(0, spread, (1, tracks, len(HORIZONS)))
     keys = np.array([f"day/{n:03d}" for n in range(tracks)])
     return {
-        (output, protocol): Errors(keys, ade, 2 * ade, np.full(tracks, 60), np.zeros(tracks, bool))
+        (output, protocol): Errors(keys, ade, 2 * ade, np.full(tracks, 60), np.zeros(tracks, bool), keys)
         for output in outputs
         for protocol in ("paper", "complete")
     }

@@ -9,6 +9,7 @@ from matplotlib.path import Path as Polygon
 from modlhmp.angles import circular_difference
 from modlhmp.cleaning import RULES, clean_recording, inside_polygons
 from modlhmp.file_format import Columns, FileFormat, Recording
+from modlhmp.ids import id_of
 from modlhmp.splits import BLOCK_S, CONTEMPORARIES_S, FOLDS, VALIDATION_SHARE, in_part, in_validation_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import backward_differences, interpolate
@@ -325,6 +326,15 @@ def test_file_velocities_are_kept_and_positions_not_interpolated(write):
 def test_rules_that_leave_nothing_name_the_file_and_what_they_dropped(write):
     with pytest.raises(DataError, match=r"recording\.csv: cleaning left no track.*min_points.*`cleaning`"):
         clean(write, MIXED, cleaning=({"min_points": {"points": 50}},))
+
+
+@pytest.mark.parametrize("same_person", [False, True])
+def test_pieces_are_told_to_be_one_person_where_they_are(write, same_person):
+    rows = [f"{t},{who},{t},0" for who in ("7", "P01", "009") for t in (0, 1, 20, 21, 40, 41) if who != "009" or t < 20]
+    _, account = clean(write, "\n".join(rows), gaps="split", same_person=same_person)
+    assert account["tracks"]["kept"] == 7
+    whose = {str(id_of(who, piece)): id_of(who) for who in ("7", "P01") for piece in (2, 3)}
+    assert account.get("persons", {}) == (whose if same_person else {})
 
 
 # --- the validation part of a recording ---------------------------------------------------------------------

@@ -575,9 +575,32 @@ def test_local_times_without_zone(write):
     tracks, account = stranger(write, content, units={"time": "iso"}, timezone="Europe/Berlin")
     assert tracks.t.tolist() == [1782889200.0, 1782889201.5]
     assert dict(account.dropped_rows) == {"text_value": 1}
-    twice = "id,t,x,y\n1,2026-10-25 02:30:00,0,0\n"
-    with pytest.raises(DataError, match=r"exists twice.*\(\+02:00 or \+01:00\)"):
-        stranger(write, twice, units={"time": "iso"}, timezone="Europe/Berlin")
+
+
+@pytest.mark.parametrize("person", ["1", "a", '"1"'])  # read as numbers, as texts, line by line
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("2026-10-25 02:30:00", "exists twice, as clocks were put back: write it with its offset from UTC ("),
+        ("2026-03-29 02:30:00", "does not exist, as clocks were put forward: write it with its offset from UTC ("),
+    ],
+)
+def test_a_local_time_that_is_not_one_moment_is_named_with_its_row(write, person, text, message):
+    """Of the second block as well; a blank line counts as a row."""
+    rows = [f"{person},2026-07-01 09:00:{n:02},{n},0" for n in range(4)]
+    path = write("\n".join(["id,t,x,y", *rows, "", f"{person},{text},0,0", f"{person},{text},0,0", ""]))
+    with pytest.raises(DataError) as error:
+        stranger(write, path.read_text(), units={"time": "iso"}, timezone="Europe/Berlin")
+    assert f"{path}, row 7: {text} in Europe/Berlin {message}" in str(error.value)
+
+
+def test_a_start_that_is_not_one_moment_is_named_with_its_file(write):
+    path = write("id,t,x,y\n1,0,0,0\n")
+    form = FileFormat(columns=Columns(**BY_NAME), header=True, timezone="Europe/Berlin")
+    with pytest.raises(DataError) as error:
+        read_recording(path, form, "2026-10-25", "02:30")
+    assert f"{path}: start '02:30': 2026-10-25 02:30:00 in Europe/Berlin exists twice" in str(error.value)
+    assert len(read_recording(path, form, "2026-10-25", "02:30+01:00")[0].t) == 1
 
 
 def test_comments_and_aligned_columns(write):

@@ -7,9 +7,10 @@ from matplotlib import image
 
 from modlhmp.datasets import Dataset
 from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.files import write_forecasts
 from modlhmp.maps import snippets
 from modlhmp.methods import Method
-from modlhmp.options import RollOut, SnippetBuilding, Snippets
+from modlhmp.options import HandedIn, RollOut, SnippetBuilding, Snippets
 from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import write_parquet
 from modlhmp.study.exhibits import density_maps
@@ -17,7 +18,7 @@ from modlhmp.tracks import Tracks, write_tracks
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=2.0, horizon_s=12.0, demo=True)
 STEPS = 6
-METHODS = {"cvm": "CVM", "snippets": "Snippets", "tc_cliff": "TC-CLiFF"}
+METHODS = {"cvm": "CVM", "snippets": "Snippets", "tc_cliff": "TC-CLiFF", "theirs": "Theirs"}
 SHOWN = Method(name="tc_cliff", kind="tc_cliff", options=RollOut())
 
 
@@ -97,3 +98,16 @@ def test_the_forecast_is_made_again_with_more_samples(layout):
     samples = table[table["what"] == "sample"]
     assert samples.groupby("step_s").size().to_dict() == {2: 5, 4: 5, 12: 5}
     np.testing.assert_allclose(samples["x_m"], 6 + samples["step_s"], atol=1e-4)
+
+
+def test_the_forecast_of_others_is_the_one_that_they_made(layout):
+    """From outside, as of a network: samples of the run's file, which nothing here could make again."""
+    make_run(layout)
+    xy = np.zeros((5, 4, STEPS, 2), np.float32)
+    xy[..., 0], xy[..., 1] = 6.0 + 2.0 * np.arange(1, STEPS + 1), np.arange(4)[None, :, None] + 10
+    made = Forecast(xy, np.zeros((5, 4, STEPS), np.float32), np.full((5, 4), STEPS, np.int32), "likeliest")
+    write_forecasts(layout.forecast("hall", "theirs", "day"), [(0, np.arange(1, 6), made)])
+    table = draw(layout, Method(name="theirs", kind="forecasts", options=HandedIn(folder="theirs")))
+    samples = table[table["what"] == "sample"]
+    assert samples.groupby("step_s").size().to_dict() == {2: 4, 4: 4, 12: 4}
+    np.testing.assert_allclose(samples["y_m"], samples["rank"] + 9)

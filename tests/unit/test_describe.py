@@ -50,7 +50,7 @@ def rows_of(text):
     [
         ("run", [settings.RunSettings]),
         ("sections", list(describe.SECTIONS.values())),
-        ("kinds", [kind.options for kind in kinds.BUILT_IN if kind.learned or kind.name in {"cvm", "average"}]),
+        ("kinds", [kind.options for kind in kinds.BUILT_IN if kind.learned or not kind.section]),
         ("maps", [kind.building for kind in kinds.BUILT_IN if kind.building is not None]),
         ("dataset", [datasets.DatasetFile]),
         ("dataset sections", [datasets.Files, datasets.Area, datasets.Source, file_format.Columns, file_format.Units]),
@@ -65,7 +65,7 @@ def test_the_tables_name_every_option(table, classes):
 def test_the_table_of_kinds_names_every_kind_that_forecasts():
     named = rows_of(describe.tables()["kinds"])
     for kind in kinds.BUILT_IN:
-        assert (kind.name in named) == (kind.forecasts is not None or kind.name == "average")
+        assert (kind.name in named) == kind.is_method
     for option in option_names(options.Learning):
         assert f"`{option}`" in describe.tables()["kinds"]
 

@@ -106,6 +106,7 @@ def known(plan):
     for name, dataset in plan.datasets.items():
         found |= {layout.ttests(name), layout.runtime(name), layout.costs(name)}
         found |= {layout.ladder(name, part) for part in ("scores", "differences")}
+        found |= {layout.occupied(name, part) for part in ("bins", "scores", "film")}
         found |= {layout.study(name, parameter) for parameter in ("beta", "sampling_radius_m", "training")}
         found |= {layout.tracks(name, one.name) for one in dataset.recordings}
         found |= {layout.map(name, kind) for kind in ("cliff", "tc_cliff", "stef", "episodes", "snippets", "exits")}

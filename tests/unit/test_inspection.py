@@ -284,6 +284,56 @@ def test_times_that_are_none_of_ours_are_shown(tmp_path, time):
         inspect_file(path)
 
 
+def heading_of(found, text):
+    """The one table whose heading holds a text, as a dict."""
+    (rows,) = [rows for heading, rows in found.tables if text in heading]
+    return dict(rows)
+
+
+@pytest.mark.parametrize("by", ["time", "person"])
+def test_a_file_that_holds_both_splits_is_told_once(tmp_path, by):
+    """Of 60 people who come 3 s apart and stay 19 s, those who are there at a moment are on neither side."""
+    write(tmp_path / "a.csv", people(number=60, standing=0), moving=False)
+    listed = [{"files": "a.csv", "split": {"by": by, "test": 0.5}}]
+    found = inspect_dataset(dataset_file(tmp_path, recordings=listed, clock="unknown"), tmp_path)
+    headings = [heading for heading, _ in found.tables]
+    assert len(headings) == 2
+    told = heading_of(found, "a (divided")
+    assert sum("walking speed" in name for name in told) == 1
+    counts = {side: int(told[side].split()[0]) for side in ("train, once clean", "test, once clean")}
+    if by == "time":
+        assert told["on neither side"].endswith(f" {60 - sum(counts.values())}")
+        assert 60 - sum(counts.values()) in (6, 7)
+    else:
+        assert sum(counts.values()) == 60
+        assert "on neither side" not in told
+
+
+def test_ids_that_are_on_both_sides_of_a_time_are_counted(tmp_path):
+    """Like helmets, which others wear later: seven ids come again after a long pause."""
+    table = people(number=40, standing=0)
+    table[:, 0] %= 7
+    again = table.copy()
+    again[:, 1] += 1000
+    write(tmp_path / "a.csv", np.concatenate([table, again]), moving=False)
+    listed = [{"files": "a.csv", "split": {"by": "time", "test": 0.5}}]
+    path = dataset_file(tmp_path, recordings=listed, clock="unknown", accept=["repeated_rows"])
+    told = heading_of(inspect_dataset(path, tmp_path), "a (divided")
+    assert told["ids on both sides"].startswith("7,")
+
+
+def test_forecasts_are_counted_by_horizon_and_hours_without_maps_named(tmp_path):
+    recordings(tmp_path)
+    entries = [{"files": "a.csv", "day": "2026-03-02", "start": "09:00", "split": "train"},
+               {"files": "b.csv", "day": "2026-03-03", "start": "11:00", "split": "test"}]  # fmt: skip
+    found = inspect_dataset(dataset_file(tmp_path, recordings=entries, horizon_s=30, hours=[9, 12]), tmp_path)
+    told = heading_of(found, "The dataset")
+    assert told["forecasts by horizon"] == "5 s: 60, 10 s: 60, 20 s: 0, 30 s: 0"
+    assert told["hours"] == "trained in 9; tested in 11, without a map of their own in 11"
+    assert {one.check for _, one in found.findings} >= {"horizon", "hours"}
+    assert not found.stops
+
+
 def test_a_side_of_a_split_with_nobody_is_what_stops_a_run(tmp_path):
     rows = [f"{p},{n},{1.2 * n},{p}" for p in range(6) for n in range(30)]
     (tmp_path / "a.csv").write_text("id,t,x,y\n" + "\n".join(rows) + "\n")

@@ -109,7 +109,7 @@ def run(folder, base, code=CALL, *options):
 
 def test_the_same_sources_have_the_same_version_wherever_they_lie_and_whichever_kernel_asks(package):
     one, two = package("one"), package("two")
-    assert version(one) == version(two) == version(one, one / "readers/columns.py", "modlhmp.readers.columns")
+    assert version(one) == version(two) == version(one, one / "readers/lines.py", "modlhmp.readers.lines")
 
 
 @pytest.mark.parametrize("name", ["forecasting/base.py", "maps/swgmm.py", "scoring/uncertainty.py", "kernels.py"])

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 import modlhmp
-from modlhmp.file_format import FileFormat
+from modlhmp.cleaning import clean_recording
+from modlhmp.file_format import FileFormat, Recording, Split
 from modlhmp.ids import id_of
+from modlhmp.plausibility import check_recording
 from modlhmp.readers import read_recording
+from modlhmp.scenes import Scenes, read_scenes
 from modlhmp.storage import DataError
+from modlhmp.tracks import write_tracks
 
 
 def steady(tracks, speed):
@@ -38,26 +42,124 @@ def test_scenes_say_how_many_rows_there_are_per_second(write, step):
     assert account.rows_read == 24
 
 
+def scene(p=3, s=0, e=50, **fields):
+    return {"id": 7, "p": p, "s": s, "e": e, **fields}
+
+
 def test_other_lines_of_json_are_counted(write):
     other = '{"map": {"id": 1}}\n\nno json\n[1]\n' + trajnet(prediction_number=0, rows=2)
+    other += (
+        '{"track": {"f": 1, "p": null, "x": 1, "y": 1}}\n{"track": {"f": 1, "p": 1, "x": 1' + "0" * 400 + ', "y": 1}}\n'
+    )
     tracks, account = read_recording(write(other + trajnet()), FileFormat(reader="trajnet", frame_rate=25))
     assert len(tracks.t) == 24
-    assert dict(account.dropped_rows) == {"other_object": 1, "blank_line": 1, "text_value": 2, "prediction": 4}
+    assert dict(account.dropped_rows) == {
+        "other_object": 1, "blank_line": 1, "text_value": 2, "prediction": 4, "no_track_id": 1, "nan_value": 1,
+    }  # fmt: skip
+    assert account.scenes is None
+
+
+BAD_SCENES = [
+    *({"fps": 2.5}, scene(p=None), scene(s="0"), scene(s=50), scene(s=60), scene(e=float("inf"))),
+    *(scene(fps=fps) for fps in (0, -1, "2.5", float("nan"), True)),
+]
+
+
+def test_scenes_are_whose_path_is_forecast_and_when(write):
+    """Every row is kept, whoever is a primary; scenes without a person or frames are counted."""
+    scenes = [scene(fps=2.5), scene(p="x", s=20, e=70), scene(s=40, e=110, fps=None), *BAD_SCENES]
+    tracks, account = read_recording(write(trajnet(scenes)), FileFormat(reader="trajnet"), "2030-01-01", "09:00")
+    nine = 1893488400.0
+    assert account.scenes.track_id.tolist() == [3, id_of("x"), 3]
+    np.testing.assert_allclose(account.scenes.begin - nine, [0, 0.8, 1.6], atol=1e-6)
+    np.testing.assert_allclose(account.scenes.end - nine, [2, 2.8, 4.4], atol=1e-6)
+    assert dict(account.dropped_rows) == {"bad_scene": len(BAD_SCENES)}
+    assert account.rows_read == 24 + len(BAD_SCENES)
+    assert len(tracks.t) == 24
+
+
+def test_scenes_of_another_fps_are_read_where_their_frames_are_as_fast(write):
+    """Every frame of one source, every tenth of another: 25 frames a second both."""
+    other = trajnet([scene(p="y", e=11, fps=25)], step=1, people=("y",))
+    path = write(trajnet([scene(fps=2.5)]) + other)
+    tracks, account = read_recording(path, FileFormat(reader="trajnet"))
+    steps = {one: np.diff(tracks.t[tracks.track_id == id_of(one)]).round(9).tolist() for one in ("3", "x", "y")}
+    assert steps == {"3": [0.4] * 11, "x": [0.4] * 11, "y": [0.04] * 11}
+    np.testing.assert_allclose(account.scenes.end, [2, 0.44])
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (trajnet(), "0 different `fps`; say the `frame_rate`"),
-        (trajnet([{"fps": 2.5}, {"fps": 25}]), "2 different `fps`"),
-        (trajnet([{"fps": 2.5}], rows=1), "give `frame_rate`"),
+        (trajnet(), "none of its 0 scenes has an `fps`.*say the `frame_rate`"),
+        (trajnet([scene()]), "none of its 1 scenes has an `fps`.*say the `frame_rate`"),
+        (trajnet([scene(p=99, fps=2.5), scene(s=500, e=600, fps=2.5)]), "none of its 2 scenes.*two rows"),
+        (trajnet([scene(fps=2.5)], rows=1), "none of its 1 scenes.*two rows of its primary"),
+        (trajnet([scene(fps=2.5), scene(fps=2.5, s=50, e=110), {**scene(fps=25), "id": 8}]),
+         r"scene 7 \(row 1\) says 2.5 `fps` and has a row every 10 frames \(25 per second\), scene 8 \(row 3\) says 25 "
+         r"`fps` and has a row every 10 frames \(250\): put the scenes and tracks of each rate in a file of their own"),
+        (trajnet([scene(fps=2.5)]) + trajnet([scene(p="y", e=11, fps=2.5)], 1, ("y",)), r"row every 1 frames \(2.5\)"),
         ("{}\n", "no usable row"),
         (trajnet(x=float("nan")), "no usable row"),
     ],
-)
+)  # fmt: skip
 def test_json_lines_that_do_not_tell_are_refused(write, content, message):
-    with pytest.raises(DataError, match=message):
-        read_recording(write(content), FileFormat(reader="trajnet"))
+    path = write(content)
+    with pytest.raises(DataError, match=message) as error:
+        read_recording(path, FileFormat(reader="trajnet"))
+    assert str(path) in str(error.value)
+    if "frame_rate" in str(error.value):
+        assert len(read_recording(path, FileFormat(reader="trajnet", frame_rate=25))[0].t)
+
+
+def test_files_of_json_lines_put_one_after_the_other_are_warned_of(write):
+    """By frames, as the public files are."""
+    rows = [json.loads(line) for line in trajnet(people=range(4), rows=40).splitlines()]
+    rows = "".join(json.dumps(row) + "\n" for row in sorted(rows, key=lambda row: row["track"]["f"]))
+    form = FileFormat(reader="trajnet", frame_rate=25)
+    found = [check_recording(*read_recording(write(text), form), form) for text in (rows, rows + rows)]
+    assert [[one.check for one in some] for some in found] == [[], ["glued_files"]]
+
+
+# --- scenes, cleaned ----------------------------------------------------------------------------------------
+
+
+def cleaned(write, scenes, people=(3, "x"), frames=range(0, 400, 10), **recording):
+    rows = [{"track": {"f": f, "p": p, "x": 0.048 * f, "y": float(n)}} for n, p in enumerate(people) for f in frames]
+    path = write("".join(json.dumps(line) + "\n" for line in [*({"scene": one} for one in scenes), *rows]))
+    form = FileFormat(reader="trajnet", time_step_s=0.4)
+    tracks, account = clean_recording(path, form, Recording(day="", **recording))
+    return tracks, account, Scenes(*map(np.array, account["scenes"].values()))
+
+
+def test_scenes_are_of_the_piece_that_is_there_at_their_begin(write, tmp_path):
+    """A person who is away for 8 s is two: the scene over the gap is of the first, and that within it of nobody."""
+    frames = [*range(0, 200, 10), *range(400, 600, 10)]
+    spans = [(0, 50), (150, 450), (210, 450), (390, 450), (400, 450), (590, 700)]
+    scenes = [scene(s=s, e=e, fps=2.5) for s, e in spans]
+    tracks, account, found = cleaned(write, [*scenes, scene(p=99)], frames=frames)
+    assert found.track_id.tolist() == [3, 3, id_of("3", 2)]
+    assert (25 * found.begin).round().tolist() == [0, 150, 400]
+    assert (account["notes"]["scenes"], account["notes"]["scenes_of_others"]) == (7, 4)
+    write_tracks(tracks, tmp_path / "t.parquet", scenes=account["scenes"])
+    for one, other in zip(read_scenes(tmp_path / "t.parquet"), found, strict=True):
+        np.testing.assert_array_equal(one, other)
+    write_tracks(tracks, tmp_path / "none.parquet")
+    assert read_scenes(tmp_path / "none.parquet") is None
+
+
+def test_each_side_of_a_split_has_its_own_people_s_scenes_and_all_their_rows(write):
+    people = [f"p{n}" for n in range(30)]
+    scenes = [scene(p=p, s=s, e=s + 200, fps=2.5) for p in people[::2] for s in (0, 50)]
+    chosen, owners, sides = Split(by="person"), [], {}
+    for side in ("train", "test"):
+        tracks, _, found = cleaned(write, scenes, people, split=side, chosen=chosen)
+        sides[side] = set(tracks.track_id.tolist())
+        assert set(found.track_id.tolist()) == sides[side] & {id_of(p) for p in people[::2]}
+        assert len(tracks.t) == 40 * len(sides[side])
+        owners += found.track_id.tolist()
+    assert sorted(owners) == sorted(2 * [id_of(p) for p in people[::2]])
+    assert len(sides["train"] | sides["test"]) == 30
 
 
 # --- THOR-MAGNI ---------------------------------------------------------------------------------------------

@@ -82,9 +82,9 @@ def test_the_runtime_is_drawn_where_it_was_measured_on_every_dataset(plan_of):
 def test_memory_maps_show_one_method_of_each_kind(plan_of):
     """The episodes first, whatever the order; the kind's own name before its variants'."""
     own = {"fewer": {"kind": "snippets", "title": "Fewer", "options": {"k": 9}}}
-    plan = plan_of(compare=["fewer", "snippets", "episodes"], methods=own, ladder={})
+    plan = plan_of(compare=["fewer", "snippets", "episodes"], methods=own, ladder={}, studies={})
     assert asks("memory-maps", plan) == {"methods": {"episodes": "Episodes", "snippets": "Snippets"}}
-    plan = plan_of(compare=["fewer", "episodes"], methods=own, ladder={})
+    plan = plan_of(compare=["fewer", "episodes"], methods=own, ladder={}, studies={})
     assert asks("memory-maps", plan) == {"methods": {"episodes": "Episodes", "fewer": "Fewer"}}
 
 
@@ -98,3 +98,5 @@ def test_density_shows_snippets_or_the_first_that_is_measured(plan_of):
             assert plan.layout.map(name, "exits") not in needs("density", plan)
     plan = plan_of(compare=["tc_cliff"], rollout={"exits": True})
     assert {plan.layout.map(name, "exits") for name in plan.datasets} <= set(needs("density", plan))
+    plan = plan_of(compare=["mid"], ladder={}, uncertainty={"methods": ["mid"]})  # a network's are in a file
+    assert {plan.layout.forecasts(name, "mid") for name in plan.datasets} <= set(needs("density", plan))

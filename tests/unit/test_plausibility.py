@@ -184,6 +184,115 @@ def test_several_people_under_one_id(tmp_path):
     assert "repeated_rows" in [one.check for one in found]
 
 
+def glued(tmp_path, columns, between="", by_time=True, later_s=0.0, others=0):
+    """Two recordings of the same ids, the second of other people, one after the other in one file."""
+    lines = []
+    for seed in (3, 4):
+        table = people(seed=seed)
+        table[:, 0] += others * (seed == 4)
+        table[:, 1] += later_s * (seed == 4)
+        if by_time:
+            table = table[np.argsort(table[:, 1], kind="stable")]
+        header, *rows = write(tmp_path / "one.csv", table, moving=columns is MOVING).read_text().splitlines()
+        lines += [*([header] if seed == 3 else [between.format(header)] if between else []), *rows]
+    path = tmp_path / "glued.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("columns", [PLACES, MOVING])
+@pytest.mark.parametrize(
+    ("between", "by_time", "others", "told"),
+    [
+        (
+            "{}",
+            True,
+            0,
+            ["the header stands again in the middle (1 times, first: row 242: 'id,t,x,y", "240 rows with the id"],
+        ),
+        ("\ufeff{}", False, 0, ["the header stands again"]),
+        ("{}", True, 100, ["the header stands again"]),  # nobody is lost, but two recordings are one
+        ("", True, 0, ["times start anew in the middle (1 times)", "240 rows with the id and time of an earlier one"]),
+    ],
+)
+def test_files_put_one_after_the_other_are_warned_of(tmp_path, caplog, columns, between, by_time, others, told):
+    path, described = glued(tmp_path, columns, between, by_time, others=others), form(columns)
+    with caplog.at_level(logging.WARNING, logger="modlhmp"):
+        _, account = clean_recording(path, described, Recording(day=""))
+    (message,) = [one for one in account["warnings"] if one.startswith("glued_files")]
+    assert [part for part in told if part not in message] == []
+    assert "Give each by itself" in message
+    assert f"WARNING: {path}: {message}" in caplog.text
+    assert not [one for one in account["warnings"] if one.startswith("repeated_rows")]
+    with pytest.raises(DataError, match="glued_files"):
+        clean_recording(path, form(columns, strict=True), Recording(day=""))
+    assert account["rows"]["dropped"].get("header_again", 0) == (1 if between else 0)
+
+
+@pytest.mark.parametrize("columns", [PLACES, MOVING])
+@pytest.mark.parametrize("keys", [{"later_s": 3600}, {"others": 100}, {"by_time": False, "others": 100}])
+def test_files_that_go_on_or_are_sorted_by_people_are_not(tmp_path, columns, keys):
+    path = glued(tmp_path, columns, **keys)
+    assert "glued_files" not in [one.check for one in findings(path, form(columns))]
+
+
+def test_a_few_rows_twice_in_a_file_by_people_are_no_second_file(tmp_path):
+    table = people()
+    path = write(tmp_path / "a.csv", np.concatenate([table[:5], table]), moving=False)
+    assert findings(path, form(PLACES)) == []
+
+
+def test_times_that_start_anew_are_found_whatever_the_blocks():
+    rng = np.random.default_rng(0)
+    first, second = (np.sort(rng.uniform(0, 600, 300)) + rng.uniform(-0.2, 0.2, 300) for _ in range(2))
+    for cuts in ([], [100], [299], [300], [301], [5, 300, 450]):
+        account = Account()
+        for part in np.split(np.concatenate([first, second, [700.0, 650.0]]), cuts):
+            account.note_order(rng.integers(0, 9, len(part)), part)
+        assert account.starts_anew == 1
+        assert account.notes["rows_out_of_time_order"] > 290
+
+
+@pytest.mark.parametrize("length", ["m", "cm"])
+@pytest.mark.parametrize("values", [(0, 0), (-1, -1), (20, 15), (-999, -999)])
+@pytest.mark.parametrize("runs", [1, 4])
+def test_a_place_that_stands_for_not_seen(tmp_path, values, runs, length):
+    """Also one in the middle of the place, where nobody would be cut for going there and back."""
+    table = people(number=30, standing=0)
+    if values == (20, 15):  # where some people walk
+        table[:, 2:4] += [8, 6]
+    unseen = np.repeat(np.random.default_rng(1).random(len(table) // runs + 1) < 0.1, runs)[: len(table)]
+    metres = {"m": 1.0, "cm": 0.01}[length]
+    table[unseen, 2:4] = np.multiply(values, metres)
+    described = form(PLACES, units={"length": length})
+    found = findings(write(tmp_path / "a.csv", table, length=length, moving=False), described)
+    (told,) = [one for one in found if one.check in ("not_measured", "jumps")]
+    assert (told.check, told.severity) == ("not_measured", "stop")
+    assert f"`missing: {{x: {values[0]}, y: {values[1]}}}`" in told.remedy
+    named = form(PLACES, units={"length": length}, missing={"x": values[0], "y": values[1]})
+    assert findings(tmp_path / "a.csv", named) == []
+
+
+def test_places_where_many_people_are_stand_for_nothing(tmp_path):
+    table = people(number=40)
+    rows = np.arange(len(table)) % 20
+    at_door = table.copy()
+    at_door[rows < 2, 2:4] = [20.0, 15.0]  # where everybody comes in, and is seen twice
+    coarse = table.copy()
+    coarse[:, 2:4] = np.round(coarse[:, 2:4])
+    for number, one in enumerate((at_door, coarse)):
+        found = findings(write(tmp_path / f"{number}.csv", one, moving=False), form(PLACES))
+        assert "not_measured" not in [told.check for told in found]
+
+
+def test_a_place_far_away_that_stands_for_not_seen(tmp_path):
+    table = people(number=30)
+    table[np.random.default_rng(1).random(len(table)) < 0.1, 2:4] = 9999
+    (told,) = findings(write(tmp_path / "a.csv", table, moving=False), form(PLACES))
+    assert told.check == "absurd_rows"
+    assert "`missing`" in told.remedy
+
+
 def test_longitude_and_latitude(tmp_path):
     table = people()
     table[:, 2] = 11.5 + table[:, 2] / 75_000

@@ -27,7 +27,7 @@ def monday(tmp_path, monkeypatch):
 
 
 def test_the_lines_of_the_library_run(monday, capsys):
-    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    code, stream = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     assert 8 <= len([line for line in code.splitlines() if line.strip()]) <= 14
     names = {}
     exec(code, names)
@@ -38,6 +38,10 @@ def test_the_lines_of_the_library_run(monday, capsys):
     scored = names["modlhmp"].score(futures, tracks).at(5)
     assert scored["n"] > 0 and scored["ade_m"] < 0.5
     assert str(scored) in capsys.readouterr().out
+    exec(stream, names)
+    assert names["futures"].t0.tolist() == [names["live"].now] * len(names["futures"].t0)
+    assert names["p"].ndim == 3
+    assert 0 < names["p"][0].sum() <= len(names["futures"].t0) + 1e-3
 
 
 def test_the_outside_package_of_the_docs_is_laid_out_like_the_one_that_is_tested():

@@ -12,6 +12,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from modlhmp.methods import Method
 from modlhmp.options import ConstantVelocity, Episodes, Learning, NeuralMap, RollOut, Snippets, Tutr
 from modlhmp.settings import as_plain, build
 from modlhmp.splits import FOLDS
@@ -240,6 +241,15 @@ def test_only_methods_with_samples_are_measured(config, name, message):
     config["methods"]["both"] = {"kind": "average", "title": "Both", "options": {"of": ["cvm", "episodes"]}}
     config["uncertainty"] = {"methods": ["stef", name]}
     assert f"uncertainty.methods: {message}" in refused(config)
+
+
+@pytest.mark.parametrize(
+    ("method", "message"),
+    [("cvm", "cvm has no map with samples"), ("mid", "mid has no map"), ("x", "no method named 'x'")],
+)
+def test_methods_whose_cells_are_studied_have_maps_and_samples(config, method, message):
+    config["studies"] = {"occupied": {"methods": ["snippets", method]}}
+    assert f"studies.occupied.methods: {message}" in refused(config)
 
 
 def test_all_problems_are_told_at_once(config):
@@ -783,3 +793,121 @@ def test_a_strict_run_makes_every_dataset_strict(config):
     for strict in (False, True):
         found = load_datasets(load({**config, "strict": strict}), DATASETS, "nowhere", "demo")
         assert {one.strict for one in found.values()} == {strict}
+
+
+# --- published maps ---------------------------------------------------------------------------------------------------
+
+
+MAP = "".join(f"{n},0,{0.2 * n:.1f},1.1,0.1,0,0.1,0.1,1,1,0.5\n" for n in range(30)).replace(",0.1,0,0.1,", ",0.1,0,0,")
+
+
+def with_file(config, **entry):
+    """The shipped configuration with a method `theirs`, and one that inherits from it, compared."""
+    methods = {**config["methods"], "theirs": entry, "more": {"inherits": "theirs", "options": {"k": 9}}}
+    return {**config, "methods": methods, "compare": ["theirs", "more", "cvm"], "ladder": {"rows": []},
+            "comparisons": [], "uncertainty": {"methods": []}, "studies": {"training": {"shares": []}}}  # fmt: skip
+
+
+def test_a_published_map_is_a_method_s_map(config, write, tmp_path):
+    write(MAP, "maps/published.csv")
+    run = load(with_file(config, kind="cliff", title="Published", file="maps/published.csv"))
+    plan = Plan(run, Layout("theirs"), load_datasets(run, DATASETS, tmp_path, "demo"))
+    of_theirs = plan.layout.published_map("demo_hall", "theirs", "cliff")
+    assert plan.map_of("demo_hall", "theirs") == plan.map_of("demo_hall", "more") == of_theirs
+    assert plan.map_of("demo_hall", "cliff") == plan.layout.map("demo_hall", "cliff")
+    assert plan.published == ["theirs"]
+    assert (run.title("theirs"), run.title("more")) == ("Published", "CLiFF")
+    assert "cliff" not in plan.compared_kinds, "figures show maps that are built"
+    assert plan.method("demo_hall", "more").published == "theirs"
+    again = Method.of(plan.method("demo_hall", "more").plain())
+    assert again == plan.method("demo_hall", "more")
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ({"kind": "cliff", "file": "maps/none.csv"}, "methods.theirs.file: .*none.csv: no such file.*`data_root`"),
+        ({"kind": "cliff", "file": "maps"}, "methods.theirs.file: .*maps: a folder without a map"),
+        ({"kind": "cvm", "file": "maps/a.csv"}, "methods.theirs.file: kind cvm has no map"),
+        ({"kind": "stef", "file": "maps/a.csv"}, "a map of kind cliff, but the method is of kind stef"),
+        ({"kind": "tc_cliff", "file": "maps/a.csv"}, "a map of kind cliff, but the method is of kind tc_cliff"),
+        ({"kind": "cliff", "form": "matlab"}, "methods.theirs.form: there is no `file`"),
+        ({"kind": "cliff", "file": "maps/a.csv", "form": "matlb"}, "methods.theirs.form: .*did you mean 'matlab'"),
+        ({"kind": "stef", "file": "maps/a.csv", "form": "histogram"}, "methods.theirs.form: no form named 'histogram'"),
+        ({"kind": "cliff", "file": "maps/lfs.csv"}, "methods.theirs.file: .*a pointer of Git LFS"),
+        ({"kind": "cliff", "file": "maps/one_way.csv"}, "methods.theirs.file: .*is it form='matlab' .* or"),
+        ({"kind": "cliff", "file": "maps/a b{c}.csv"}, "Snakemake cannot take the character '{'"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_a_published_map_is_told_before_the_run(config, write, tmp_path, entry, message):
+    write(MAP, "maps/a.csv")
+    write(MAP, "maps/a b{c}.csv")
+    write("version https://git-lfs.github.com/spec/v1\n", "maps/lfs.csv")
+    write(MAP[: MAP.index("5,0,1.0")], "maps/one_way.csv")
+    with pytest.raises(DataError, match=message):
+        load_datasets(load(with_file(config, **entry)), DATASETS, tmp_path, "demo")
+
+
+def test_a_published_map_is_not_built_from_less(config):
+    wrong = with_file(config, kind="cliff", file="maps/a.csv")
+    wrong["studies"] = {"training": {"methods": ["more"]}}
+    assert "the map of more is a file" in refused(wrong)
+
+
+# --- forecasts from outside -------------------------------------------------------------------------------------------
+
+
+def with_theirs(config, **entry):
+    config["methods"]["theirs"] = {"kind": "forecasts", **entry}
+    config["compare"] = ["cvm", "theirs"]
+    config["comparisons"] = []
+    return config
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({}, "methods.theirs.folder: name the folder of the forecasts"),
+        ({"folder": "f", "options": {"flder": "f"}}, "unknown key 'flder', did you mean 'folder'?"),
+        ({"folder": "f", "kind": "cvm"}, "methods.theirs.folder: 'f': a method of kind cvm has none; leave it out"),
+    ],
+)
+def test_a_folder_of_forecasts_is_said_where_it_is_needed(config, change, message):
+    assert message in refused(with_theirs(config, **change))
+
+
+def test_a_method_of_forecasts_is_like_any_other_but_for_its_cost(config):
+    """Compared, averaged with others, measured as a distribution; no rung, whose forecasts would be timed."""
+    with_theirs(config, folder="f", title="Theirs")
+    config["methods"]["both"] = {"kind": "average", "options": {"of": ["theirs", "cvm"]}}
+    config["compare"] = ["cvm", "theirs", "both"]
+    config["uncertainty"] = {"methods": ["theirs"]}
+    config["ladder"] = {"rows": []}
+    run = load(config)
+    assert run.method("theirs").options.folder == "f" and run.title("theirs") == "Theirs"
+    assert Plan(run, Layout(run.run), {}).handed_in == ["theirs"]
+    for rung in ("theirs", "both"):
+        config["ladder"] = {"rows": [["cvm", "straight"], [rung, "theirs"]]}
+        assert f"ladder.rows: {rung}: the forecasts of theirs are not made here, so a rung" in refused(config)
+
+
+def test_what_lies_in_the_folder_is_looked_at_before_any_job(config, tmp_path):
+    """The pair of files, and the JSON; of each dataset in a folder of its name, or of the only one."""
+    config["run"], config["datasets"] = "other", ["hotel"]
+    config["ladder"], config["uncertainty"] = {"rows": []}, {"methods": []}
+    with_theirs(config, folder=str(tmp_path))
+    config["studies"] = {"method": "cliff", "training": {"shares": []}}
+
+    def message():
+        with pytest.raises(DataError) as error:
+            load_datasets(load(config), DATASETS, "nowhere", "nowhere")
+        return str(error.value)
+
+    assert "one file of forecasts (.csv, .parquet, .ndjson) is needed" in message()
+    (tmp_path / "f.csv").write_text("track_id,step,x,y\n")
+    (tmp_path / "f.json").write_text("{task: 1}")
+    assert "f.json: cannot be read as JSON" in message()
+    (tmp_path / "f.json").write_text('{"path": "mean"}')
+    assert "f.json:\n  top level: the key 'task' is required" in message()
+    (tmp_path / "f.json").write_text('{"task": "0", "path": "mean"}')
+    assert load_datasets(load(config), DATASETS, "nowhere", "nowhere").keys() == {"hotel"}

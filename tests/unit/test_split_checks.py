@@ -5,8 +5,11 @@ import pytest
 from planted import people
 
 from modlhmp.file_format import Recording
+from modlhmp.site import Site
 from modlhmp.split_checks import check_splits
 from modlhmp.tracks import Tracks
+
+SITE = Site(horizon_s=10)
 
 
 def tracks(number=12, shift_m=0.0, seed=3, first_id=0, begin=0.0, rows=20):
@@ -18,8 +21,8 @@ def recording(name, split, day="2026-03-02"):
     return Recording(day=day, split=split, name=name, path=name)
 
 
-def found(*pairs):
-    return {one.check: one for one in check_splits(pairs)}
+def found(*pairs, site=SITE):
+    return {one.check: one for one in check_splits(pairs, site)}
 
 
 def test_other_people_at_the_same_place_are_fine():
@@ -71,3 +74,42 @@ def test_a_place_where_nobody_trained(shift_m, severity):
     train, test = tracks(number=300), tracks(number=40, seed=4, first_id=1000, shift_m=shift_m)
     told = found((recording("a", "train"), train), (recording("b", "test"), test))
     assert (told["untrained_place"].severity if told else None) == severity
+
+
+@pytest.mark.parametrize(("horizon_s", "longest"), [(16, None), (17, "16 s"), (60, "16 s")])
+def test_a_horizon_that_nobody_reaches(horizon_s, longest):
+    """20 rows, of which 4 are observed: 16 s are left."""
+    train, test = tracks(number=60, rows=90), tracks(number=20, seed=4, first_id=100)
+    pairs = (recording("a", "train"), train), (recording("b", "test"), test)
+    told = found(*pairs, site=Site(horizon_s=horizon_s))
+    assert set(told) == ({"horizon"} if longest else set())
+    if longest:
+        assert told["horizon"].severity == "warn"
+        assert longest in told["horizon"].text
+        assert "`horizon_s: 16`" in told["horizon"].remedy
+
+
+def test_a_horizon_for_tracks_shorter_than_what_is_observed():
+    pairs = (recording("a", "train"), tracks(number=60)), (recording("b", "test"), tracks(first_id=100, rows=3))
+    told = found(*pairs)
+    assert "no test track is long enough" in told["horizon"].text
+
+
+NINE = 1_772_442_000.0  # 2026-03-02 09:00 UTC
+
+
+@pytest.mark.parametrize(
+    ("hours", "empty"), [(None, ""), ((9, 10), ""), ((8, 11), "8, 10"), ((22, 10), "22, 23, 0, 1, 2, 3, 4, 5, 6, 7, 8")]
+)
+def test_hours_in_which_nobody_trained(hours, empty):
+    train, test = tracks(number=60, begin=NINE), tracks(number=20, seed=4, first_id=100, begin=NINE)
+    pairs = (recording("a", "train"), train), (recording("b", "test"), test)
+    told = found(*pairs, site=Site(horizon_s=10, hours=hours))
+    assert set(told) == ({"hours"} if empty else set())
+    if empty:
+        assert f"in {empty} of `hours`" in told["hours"].text
+
+
+def test_hours_of_an_unknown_clock_are_none():
+    pairs = (recording("a", "train", ""), tracks(number=60)), (recording("b", "test", ""), tracks(first_id=100, seed=4))
+    assert "hours" not in found(*pairs, site=Site(horizon_s=10, hours=(8, 11)))

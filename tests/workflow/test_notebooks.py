@@ -21,11 +21,17 @@ FACTS = {  # what each must have printed
         "these errors are those of the errors file, under both protocols",
     ),
     "05": ("A = tiny, B = other", "demo_hall: the same raw recordings", "40 differences of 1 datasets"),
+    "06": ("the order was found: matlab", "walks are forecast with it", "one way and"),
+    "07": ("72 of 72 tracks have a forecast", "rows of CVM, handed in, are those of the run to the bit"),
     "05-itself": (
         "A = tiny, B = tiny",
         "480 differences of 2 datasets",
         "snakemake --cores 2 --configfile",
         "all differences are 0 by construction",
+    ),
+    "08": (
+        "the batch forecast is the live one, the same to the last bit",
+        "the cells are read back as they were written",
     ),
 }
 
@@ -57,6 +63,20 @@ def test_a_run_that_is_not_there(notebook, tmp_path, monkeypatch):
         exec(setup, {})
     assert "results/nowhere" in str(error.value)
     assert "snakemake --cores 2 --configfile config/nowhere.yaml" in str(error.value)
+
+
+def test_the_loop_as_a_script(tiny_run):
+    """A robot waits for somebody and goes on, in the busiest minutes of a recording."""
+    hall = tiny_run.folder / "results/tiny/demo_hall"
+    done = subprocess.run(
+        [sys.executable, ROOT / "notebooks/forecast_in_a_loop.py", hall / "maps/episodes.parquet",
+         sorted(hall.glob("tracks/*.parquet"))[-1]],
+        cwd=tiny_run.folder, capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    *events, last = done.stdout.splitlines()
+    assert [line.rpartition(": ")[2] for line in events[:2]] == ["wait", "go on"]
+    assert "moments" in last
 
 
 def test_they_run_on_the_demo(tiny_run):

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
+from modlhmp.exchange.maps import map_files
 from modlhmp.kinds import all_kinds, find
 from modlhmp.settings import as_plain
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, file_sha256
 from modlhmp.study.claims import claim_horizons
 from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study.layout import SUMS, Layout

@@ -2,7 +2,8 @@
 #
 # INPUTS   clean test recordings; the method's map or the network's weights, if there are any
 # OUTPUTS  results/{run}/{dataset}/models/{method}.{pt,last.pt,json}, forecasts/{method}/{recording}.parquet
-# STEPS    train_{method}; forecast_method, forecast_with_network; average_forecasts for the mean of others
+# STEPS    train_{method}; forecast_method, forecast_with_network; average_forecasts for the mean of others,
+#          take_forecasts for those from outside
 #
 # One job forecasts all recordings of a dataset, since starting up takes longer than most recordings.
 
@@ -88,7 +89,7 @@ rule forecast_method:
         method="|".join(
             name
             for name in RUN.methods_run
-            if name not in PLAN.learned + PLAN.averages
+            if name not in PLAN.learned + PLAN.averages + PLAN.handed_in
         )
         or NO_METHOD,
     resources:
@@ -134,3 +135,29 @@ rule average_forecasts:
         "Average forecasts of {wildcards.dataset} as {wildcards.method}"
     script:
         "../scripts/average_forecasts.py"
+
+
+rule take_forecasts:
+    """Forecasts from outside, once they are known to be of this task's tracks, steps and horizon."""
+    input:
+        tracks=tracks_of("test"),
+        files=lambda wildcards: PLAN.hand_in_files(wildcards.dataset, wildcards.method),
+    output:
+        directory(LAYOUT.forecasts("{dataset}", "{method}")),
+    log:
+        LAYOUT.log("take_forecasts", "{dataset}", "{method}"),
+    wildcard_constraints:
+        method="|".join(PLAN.handed_in) or NO_METHOD,
+    resources:
+        mem_mb=3000,
+        runtime=30,
+    params:
+        run=RUN.run,
+        method=method_of,
+        dataset=settings_of(*FORECAST_KEYS),
+        recordings=names_of("test"),
+        code=code_of("take_forecasts"),
+    message:
+        "Take the forecasts of {wildcards.dataset} by {wildcards.method}"
+    script:
+        "../scripts/take_forecasts.py"

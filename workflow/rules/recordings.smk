@@ -125,7 +125,7 @@ rule clean_recording:
 
 
 rule check_splits:
-    """Compare all recordings of a dataset: nobody in both splits, tests where somebody trained."""
+    """Compare all recordings of a dataset: nobody in both splits, tests where somebody trained, of its horizon."""
     input:
         tracks=tracks_of(None),
     output:
@@ -141,7 +141,7 @@ rule check_splits:
             {key: getattr(one, key) for key in ("name", "path", "day", "split")}
             for one in DATASETS[wildcards.dataset].recordings
         ],
-        dataset=settings_of("accept", "strict"),
+        dataset=settings_of("accept", "strict", *SITE_KEYS),
         code=code_of("check_splits"),
     message:
         "Check the splits of {wildcards.dataset}"

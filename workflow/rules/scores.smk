@@ -90,7 +90,7 @@ rule measure_uncertainty:
         exits=method_exits,
         forecasts=lambda wildcards: (
             LAYOUT.forecasts(wildcards.dataset, wildcards.method)
-            if wildcards.method in PLAN.learned
+            if wildcards.method in PLAN.learned + PLAN.handed_in
             else []
         ),
     output:
@@ -188,7 +188,7 @@ rule measure_costs:
         tracks=tracks_of("test"),
         maps=lambda wildcards: sorted(
             {
-                LAYOUT.map(wildcards.dataset, RUN.kind(name).name)
+                PLAN.map_of(wildcards.dataset, name)
                 for name in COSTED
                 if RUN.kind(name).has_map
             }

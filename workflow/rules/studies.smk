@@ -2,8 +2,9 @@
 #
 # INPUTS   clean tracks, the studied method's map
 # OUTPUTS  results/{run}/{dataset}/studies/{parameter}/{value}.parquet (errors only);
-#          results/{run}/{dataset}/studies/training/{method}/{share}.parquet; results/{run}/{dataset}/runtime.json
-# STEPS    study_parameter, study_training; measure_runtime, for the target `runtime`, since timings count
+#          results/{run}/{dataset}/studies/training/{method}/{share}.parquet; results/{run}/{dataset}/runtime.json;
+#          results/{run}/{dataset}/occupied/{bins,scores,film}.parquet
+# STEPS    study_parameter, study_training, study_occupied; measure_runtime, for the target `runtime`, since timings count
 #          only while nothing else runs
 
 
@@ -71,6 +72,44 @@ rule study_training:
         "Study the amount of training data on {wildcards.dataset}"
     script:
         "../scripts/study_training.py"
+
+
+rule study_occupied:
+    """How often cells were occupied that had been given some probability, everyone forecast without contemporaries."""
+    input:
+        tracks=lambda wildcards: PLAN.tracks(wildcards.dataset, "train")
+        + PLAN.tracks(wildcards.dataset, "test"),
+    output:
+        bins=LAYOUT.occupied("{dataset}", "bins"),
+        scores=LAYOUT.occupied("{dataset}", "scores"),
+        film=LAYOUT.occupied("{dataset}", "film"),
+    log:
+        LAYOUT.log("study_occupied", "{dataset}"),
+    benchmark:
+        LAYOUT.benchmark("study_occupied", "{dataset}")
+    resources:
+        mem_mb=2000,
+        runtime=60,
+    params:
+        methods=lambda wildcards: [
+            PLAN.method(wildcards.dataset, name).plain()
+            for name in RUN.studies.occupied.methods
+        ],
+        buildings={
+            kind: as_plain(RUN.building(find(kind)))
+            for kind in sorted(
+                {"exits", *(RUN.kind(n).name for n in RUN.studies.occupied.methods)}
+            )
+        },
+        every_s=RUN.studies.occupied.every_s,
+        horizons=lambda wildcards: PLAN.horizons[wildcards.dataset],
+        dataset=settings_of(*SCORE_KEYS),
+        seed=RUN.seeds[0],
+        code=method_code("study_occupied", *RUN.studies.occupied.methods),
+    message:
+        "Study which cells of {wildcards.dataset} will be occupied"
+    script:
+        "../scripts/study_occupied.py"
 
 
 rule measure_runtime:

@@ -6,6 +6,7 @@ from modlhmp.file_format import FileFormat, Recording
 from modlhmp.logs import job_log
 from modlhmp.plausibility import ask_about
 from modlhmp.settings import build
+from modlhmp.site import Site
 from modlhmp.split_checks import check_splits
 from modlhmp.storage import write_text
 from modlhmp.tracks import read_tracks
@@ -13,6 +14,7 @@ from modlhmp.tracks import read_tracks
 with job_log(snakemake.log[0]):
     recordings = [build(Recording, plain) for plain in snakemake.params.recordings]
     tracks = map(read_tracks, snakemake.input.tracks)
-    found = check_splits(zip(recordings, tracks, strict=True))
-    warnings = ask_about(f"dataset {snakemake.wildcards.dataset}", found, build(FileFormat, snakemake.params.dataset))
+    form, site = (build(kind, snakemake.params.dataset) for kind in (FileFormat, Site))
+    found = check_splits(zip(recordings, tracks, strict=True), site)
+    warnings = ask_about(f"dataset {snakemake.wildcards.dataset}", found, form)
     write_text(snakemake.output[0], json.dumps({"warnings": warnings}, indent=2) + "\n")

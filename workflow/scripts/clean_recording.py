@@ -19,8 +19,9 @@ with job_log(snakemake.log[0]) as log:
         check_sum(raw, recording.file, source["sha256"], params.sums)
     path = Path(raw, recording.member) if recording.member else str(raw)
     tracks, account = clean_recording(path, build(FileFormat, params.dataset), recording)
+    scenes = {"scenes": account.pop("scenes")} if "scenes" in account else {}
     log.info("account: %s", account)
     write_text(snakemake.output.account, json.dumps(account, indent=2) + "\n")
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
-    owners = {"owners": account["owners"]} if "owners" in account else {}
-    write_tracks(tracks, snakemake.output.tracks, **origin, **owners)
+    beside = scenes | {name: account[name] for name in ("owners", "persons") if name in account}
+    write_tracks(tracks, snakemake.output.tracks, **origin, **beside)

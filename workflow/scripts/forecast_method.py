@@ -5,6 +5,7 @@ from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import windows
 from modlhmp.logs import job_log
 from modlhmp.methods import Method, make_forecaster
+from modlhmp.scenes import read_scenes
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance
@@ -22,14 +23,16 @@ with job_log(snakemake.log[0]) as log:
     for recording, others in params.recordings.items():
         own, *rest = [layout.tracks(names.dataset, name) for name in (recording, *others)]
         key = (names.dataset, names.method, recording)
-        tracks = read_tracks(own)
+        tracks, scenes = read_tracks(own), read_scenes(own)
         forecasts = forecast_recording(
             tracks, forecaster, site, key, method.futures, params.seeds,
-            map(read_tracks, rest) if learned else None, STORED,
+            map(read_tracks, rest) if learned else None, STORED, scenes,
         )  # fmt: skip
         origin = provenance({**names, "recording": recording}, dict(params), [own, *rest, *made_of])
-        t0 = None if site.forecast_every_s is None else windows(tracks, site).t0
+        wanted = windows(tracks, site, scenes)
+        t0 = wanted.t0 if wanted.several else None
         write_forecasts(
             layout.forecast(names.dataset, names.method, recording), forecasts, t0, owner_ids(own), **origin
         )
-        log.info("%s: forecast", recording)
+        asked = "" if scenes is None else f" of {len(scenes.begin)} scenes"
+        log.info("%s: %d forecasts%s", recording, len(wanted.t0), asked)

@@ -18,7 +18,7 @@ with job_log(snakemake.log[0]) as log:
     tracks = some_tracks(map(read_tracks, snakemake.input.tracks), site)
     for method in map(Method.of, params.methods):
         kind, device = find(method.kind), "auto"
-        path = layout.map(dataset, kind.name) if kind.has_map else None
+        path = layout.map_of(dataset, method) if kind.has_map else None
         if kind.learned:
             path, device = params.weights[method.name], method.learning.device
         forecaster = make_forecaster(method.kind, method.options, site, path, snakemake.input.exits, device)

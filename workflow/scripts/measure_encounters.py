@@ -6,6 +6,7 @@ import pyarrow as pa
 
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log
+from modlhmp.scenes import read_scenes
 from modlhmp.scoring.encounters import encounters
 from modlhmp.scoring.errors import nan_mean, seed_mean
 from modlhmp.settings import build
@@ -21,7 +22,8 @@ with job_log(snakemake.log[0]) as log:
     for recording, others in params.recordings.items():
         tracks, *rest = (read_tracks(layout.tracks(names.dataset, one)) for one in (recording, *others))
         forecasts = read_forecasts(layout.forecast(names.dataset, names.method, recording))
-        every.append(encounters(tracks, forecasts, together([tracks, *rest]), site))
+        scenes = read_scenes(layout.tracks(names.dataset, recording))
+        every.append(encounters(tracks, forecasts, together([tracks, *rest]), site, scenes))
     parts = [part for part in every if len(part[2])] or every[:1]  # one without tracks has no seeds either
     met = np.concatenate([part[0] for part in parts], axis=1)
     truth, length = (np.concatenate([part[column] for part in parts]) for column in (1, 2))

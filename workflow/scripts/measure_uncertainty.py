@@ -6,30 +6,38 @@ from modlhmp.forecasting.files import read_forecasts
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.logs import job_log, progress
 from modlhmp.methods import Method, make_forecaster
+from modlhmp.scenes import read_scenes
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import DataError, provenance, write_parquet
+from modlhmp.storage import DataError, provenance, read_metadata, write_parquet
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import read_tracks
+from modlhmp.tracks import person_ids, read_tracks, with_persons
 
 with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     method, site = Method.of(params.method), build(Site, params.dataset)
     layout = Layout(params.run)
-    made = files.get("forecasts")  # a network's, which are as many samples as it has
+    made = files.get("forecasts")  # a network's or from outside, which are as many samples as there are
     if not made:
         forecaster = make_forecaster(method.kind, method.options, site, files.get("map"), files.get("exits"))
-    tables, drawn = [], max(method.futures, params.samples)
+    tables, drawn, persons = [], max(method.futures, params.samples), person_ids(*files.tracks)
     for name, file in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
-        tracks, key = read_tracks(file), (names.dataset, names.method, name)
+        tracks, scenes, key = read_tracks(file), read_scenes(file), (names.dataset, names.method, name)
         if made:
             forecasts = read_forecasts(layout.forecast(*key))
+            if not read_metadata(layout.forecast(*key)).get("alike", True):
+                raise DataError(
+                    f"{names.method}: its samples differ in number or probability, and scores of distributions take "
+                    "samples that are alike: hand in as many of each track, drawn by their probabilities, or leave it "
+                    "out of `uncertainty.methods`"
+                )
         else:
-            forecasts = forecast_recording(tracks, forecaster, site, key, drawn, params.seeds)
-        tables.append(score_samples(tracks, forecasts, name, site, method.futures, params.horizons))
+            forecasts = forecast_recording(tracks, forecaster, site, key, drawn, params.seeds, scenes=scenes)
+        scored = score_samples(tracks, forecasts, name, site, method.futures, params.horizons, scenes)
+        tables.append(with_persons(scored, persons))
     if not any(table.num_rows for table in tables):
         rows = site.observed_rows + 1
-        raise DataError(f"{names.dataset}: no test track has {rows} rows without a gap over 5 s to measure")
+        raise DataError(f"{names.dataset}: no test track (or scene) has {rows} rows without a gap over 5 s to measure")
     origin = provenance(dict(names), dict(params), files) | {"horizons_s": params.horizons}
     write_parquet(pa.concat_tables(tables).unify_dictionaries(), snakemake.output[0], **origin)

@@ -4,6 +4,7 @@ import pyarrow as pa
 
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log
+from modlhmp.scenes import read_scenes
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance, write_parquet
@@ -15,7 +16,7 @@ with job_log(snakemake.log[0]) as log:
     params, names = snakemake.params, snakemake.wildcards
     layout, site = Layout(params.run), build(Site, params.dataset)
     recordings = (
-        (read_tracks(file), read_forecasts(layout.forecast(names.dataset, names.method, recording)))
+        (read_tracks(file), read_forecasts(layout.forecast(names.dataset, names.method, recording)), read_scenes(file))
         for recording, file in zip(params.recordings, snakemake.input.tracks, strict=True)
     )
     table = readings(recordings, site)

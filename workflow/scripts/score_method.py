@@ -3,12 +3,13 @@
 from modlhmp.floor_plan import load_floor_plan, moved
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log, progress
+from modlhmp.scenes import read_scenes
 from modlhmp.scoring.recording import score_recording
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import DataError, provenance, write_pieces
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import owner_ids, read_tracks, with_owners
+from modlhmp.tracks import owner_ids, person_ids, read_tracks, with_owners, with_persons
 
 
 def scored(files, params, names, log):
@@ -18,16 +19,17 @@ def scored(files, params, names, log):
     if files.floor_plan:
         plan = moved(load_floor_plan(files.floor_plan[0]), params.origin_m)
     known = {number: owner for file in files.tracks for number, owner in owner_ids(file).items()}
-    owners = known or None
+    owners, persons = known or None, person_ids(*files.tracks)
     for recording, tracks in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
         forecasts = read_forecasts(layout.forecast(names.dataset, names.method, recording))
-        errors = with_owners(score_recording(read_tracks(tracks), forecasts, recording, site, plan), owners)
+        errors = score_recording(read_tracks(tracks), forecasts, recording, site, plan, read_scenes(tracks))
+        errors = with_persons(with_owners(errors, owners), persons)
         rows += errors.num_rows
         if errors.num_rows:
             yield errors
     if not rows:
         needed = site.observed_rows + 1
-        raise DataError(f"{names.dataset}: no test track has {needed} rows without a gap over 5 s to score")
+        raise DataError(f"{names.dataset}: no test track (or scene) has {needed} rows without a gap over 5 s to score")
     log.info("%d rows of errors", rows)
 
 

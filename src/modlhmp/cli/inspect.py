@@ -11,13 +11,16 @@ from modlhmp.cli.app import app
 
 @app.command()
 def inspect(
-    what: Annotated[Path, typer.Argument(metavar="FILE|DATASET", help="A recording, or a dataset file (.yaml).")],
+    what: Annotated[
+        Path,
+        typer.Argument(metavar="FILE|FOLDER|DATASET", help="A recording, a folder of them, a dataset file (.yaml)."),
+    ],
     data_root: Annotated[
         Path | None, typer.Option(help="Folder of the recordings [default: MODLHMP_DATA, or data]")
     ] = None,
     to: Annotated[Path, typer.Option(help="Folder for the picture and the page.")] = Path(),
 ) -> None:
-    """Look at a recording before any run: what it is, what looks wrong; of a FILE, draft its dataset file.
+    """Look at a recording before any run: what it is, what looks wrong; of a FILE or FOLDER, draft its dataset file.
 
     The draft goes to the output, everything else beside it. Status 1: it could not be read, or a run would stop.
     """
@@ -26,7 +29,7 @@ def inspect(
     root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
     is_dataset = what.suffix in {".yaml", ".yml"}
     found = inspect_dataset(what, root) if is_dataset else inspect_file(what, root)
-    files = found.write(to, what.stem)
+    files = found.write(to, what.resolve().stem)
     typer.echo(found.summary(), err=True)
     typer.echo(f"Written: {', '.join(map(str, files))}", err=True)
     if found.draft:

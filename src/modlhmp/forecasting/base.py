@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 MODES = 5  # at most so many distinct futures of a forecast of output `modes`
-RESULTS = {"median": 1, "modes": MODES}  # futures that are no samples, by output: they stand before them
+RESULTS = {"median": 1, "mean_path": 1, "modes": MODES}  # futures that are no samples but stand before them, by output
 
 
 class Forecast(NamedTuple):
@@ -23,9 +23,10 @@ class Forecast(NamedTuple):
     `xy` [n, k, T, 2] float32 in m, held at the last alive position (t0's if none) once a future has stopped;
     `log_fitness` [n, k, T] float32, cumulative, held likewise; `steps_alive` [n, k] int32;
     `output`: how one result comes out of the k (`ranked`: the fittest, `medoid`: the same, fitness being nearness to
-    the others, `mean`: the mean error, `single`: k = 1, `median`: the first one, which is the geometric median of the
-    living others at each step, `modes`: the fittest of the first `MODES`, fitness being the log of their probability;
-    their samples follow).
+    the others, `likeliest`: the same, fitness being the log of a probability, `mean`: the mean error, `single`: k = 1,
+    `median`: the first one, which is the geometric median of the living others at each step, `mean_path`: the same with
+    their mean, `modes`: the fittest of the first `MODES`, fitness being the log of their probability; their samples
+    follow).
     """
 
     xy: np.ndarray

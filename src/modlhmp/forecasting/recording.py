@@ -10,6 +10,7 @@ from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.forecasting.outputs import kept
 from modlhmp.forecasting.windows import windows
 from modlhmp.logs import progress
+from modlhmp.scenes import Scenes
 from modlhmp.site import Site
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks, together
@@ -26,14 +27,15 @@ def forecast_recording(
     seeds: Sequence[int],
     others: Iterable[Tracks] | None = None,
     keep: int | None = None,
+    scenes: Scenes | None = None,
 ) -> Iterator[tuple[int, np.ndarray, Forecast]]:
-    """Forecast every usable track of a recording to the longest horizon, for each seed: its `windows`.
+    """Forecast every usable track of a recording to the longest horizon, for each seed: its `windows`, by its `scenes`.
 
     `names` = (dataset, method, recording) key the random numbers; `others` are the tracks of that day's other
     recordings, if the forecaster looks at neighbours. Yields (seed, track_ids [m], Forecast) of a few tracks after the
     other, at least once per seed. With `keep` they have at most so many samples beside their result (`outputs.kept`).
     """
-    seen, wanted = site.observed_rows, windows(tracks, site)
+    seen, wanted = site.observed_rows, windows(tracks, site, scenes)
     observed = observe(tracks, wanted.row[:, None] - seen + 1, seen)
     if others is not None:
         found = find_neighbours(together([tracks, *others]), wanted.row, seen, site.time_step_s)

@@ -28,8 +28,9 @@ def forecaster(mod: EpisodeMap, site: Site, options: Episodes) -> Forecaster:
 
     def forecast(observed: Observed, steps: int, keys: np.ndarray) -> Forecast:
         futures = replay(
-            mod, observed, steps, site.time_step_s, options.persons, options.pace, options.reach_m, options.exclude_s
-        )
+            mod, observed, steps, site.time_step_s, options.persons, options.pace, options.reach_m, options.exclude_s,
+            options.samples == "pieces",
+        )  # fmt: skip
         return with_output(futures, options.output, options.persons)
 
     return forecast
@@ -44,11 +45,12 @@ def replay(
     pace: float,
     reach_m: float,
     exclude_s: float = 0.0,
+    of_pieces: bool = False,
 ) -> Forecast:
     """Forecast with an `EpisodeMap`; returns a `Forecast`: the median of `k` persons, then 4 `k` single replays.
 
     The median at a second is of the `k` nearest persons who are still under way then. The replays are of the nearest
-    persons at t0, in turn again where there are fewer.
+    persons at t0, or, `of_pieces`, of the nearest pieces, whosoever they are; in turn again where there are fewer.
 
     Persons who are more than `reach_m` (in the map's metric) unlike the walker are not followed; whoever has nobody to
     follow walks on at constant velocity and counts as not alive from the start. `pace` = 1 replays at the walker's own
@@ -64,20 +66,24 @@ def replay(
         usable &= np.abs(mod.t[rows] - observed.t[:, -1:]) > exclude_s
     xy = np.repeat(straight.xy, 1 + SAMPLES_A_PERSON * k, axis=1)
     alive = np.zeros(xy.shape[:2], np.int32)
-    _replay(rows, usable, mod.person, mod.last, mod.xy, mod.speed, here, speed, pace, k, xy, alive)
+    _replay(rows, usable, mod.person, mod.last, mod.xy, mod.speed, here, speed, pace, k, of_pieces, xy, alive)
     return Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median")
 
 
 @kernel
-def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, xy, alive):
+def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, of_pieces, xy, alive):
     """Fill `xy` [n, 1 + samples, T, 2] and `alive` [n, 1 + samples] of the walkers who have somebody to follow."""
     n, samples, steps = len(rows), xy.shape[1] - 1, xy.shape[2]
     followed, factor = np.empty(rows.shape[1], np.int64), np.empty(rows.shape[1])
+    sampled = np.empty(rows.shape[1], np.int64)
     x, y, point = np.empty(k), np.empty(k), np.empty(2)
     for i in range(n):
-        number = 0
+        number = total = 0
         for j in range(rows.shape[1]):  # the nearest piece of every person
             row, new = rows[i, j], usable[i, j]
+            if of_pieces and new:
+                sampled[total] = row
+                total += 1
             for other in followed[:number]:
                 new = new and person[other] != person[row]
             if new:
@@ -85,8 +91,11 @@ def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, 
                 number += 1
         if not number:
             continue
+        if not of_pieces:
+            sampled[:number], total = followed[:number], number
         for j in range(samples):
-            row, rate = followed[j % number], factor[j % number]
+            row = sampled[j % total]
+            rate = paced(speed[i], path_speed[row], pace)
             for step in range(steps):
                 if not _at(path, row, last[row], (step + 1) * rate, here[i], point):
                     hold(xy[i, 1 + j], step, here[i])

@@ -1,8 +1,8 @@
 """A draft of the dataset file of a recording, to be edited: it loads, and says in comments what a human must decide."""
 
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -14,7 +14,18 @@ from modlhmp.splits import in_split
 
 HORIZONS_S = (60, 30, 20, 10, 5)
 LEAST_PER_SPLIT = 5  # tracks; and a tenth of them
-_KEYS = ("reader", "columns", "header", "separator", "decimal", "comment", "skip_lines", "units", "frame_rate", "scale")
+_KEYS = (
+    *("reader", "file_is", "columns", "header", "separator", "decimal", "thousands", "comment", "skip_lines"),
+    *("only", "without", "missing", "units", "frame_rate", "scale", "origin_m"),
+)
+
+
+class Listed(NamedTuple):
+    """Files as a dataset file lists them: their path or glob under the data root, the first day and how many."""
+
+    files: str
+    day: str = ""
+    days: int = 1
 
 
 def time_step(step_s: float) -> float:
@@ -22,26 +33,31 @@ def time_step(step_s: float) -> float:
     return 1.0 if not step_s > 1.25 else float(f"{step_s:.2g}")
 
 
-def draft(listed: str, guess: Guess, facts: Facts) -> str:
-    """The text of the dataset file; `listed` is the recording's path under the data root."""
+def draft(title: str, listed: Sequence[Listed], guess: Guess, facts: Facts, remark: str = "") -> str:
+    """The text of the dataset file; `listed` are the files, of which `facts` are one's; `remark` is said of them."""
     keys, step = guess.keys, facts.form.time_step_s
-    entry: dict[str, Any] = {"files": listed}
-    if guess.clock:
-        entry |= {"day": facts.recording.day} | ({"days": facts.recording.days} if facts.recording.days > 1 else {})
-    entry["split"] = _split(facts)
     lines = [
         "# Drafted by `modlhmp inspect`. What says `decide` could not be read from the file.",
-        _line("title", Path(listed).stem, "decide: the name in tables and figures"),
+        _line("title", title, "decide: the name in tables and figures"),
         _line("timezone", facts.form.timezone, "decide: that of the place, such as Europe/Stockholm"
               + ("; then correct `day` below" if guess.clock else "")),
     ]  # fmt: skip
     if not guess.clock:
         lines.append(_line("clock", "unknown", 'decide: if day and hour are known, leave this out and add `day: '
                            '2026-03-02, start: "09:00"` below'))  # fmt: skip
-    lines += ["recordings:", f"  - {_flow(entry)}  # decide: other files as well? Then whole days or files as test"]
-    lines += [_line(key, keys[key], guess.asks.get(key, ""), key) for key in _KEYS if key in keys]
-    if guess.left_out:
-        lines.append(f"# {guess.left_out}")
+    lines += ["recordings:" + (f"  # {remark}" if remark else "")]
+    tested = max(-(-len(listed) // 4), 1)  # of several files the last quarter
+    for number, one in enumerate(listed):
+        entry: dict[str, Any] = {"files": one.files}
+        if guess.clock:
+            entry |= {"day": one.day} | ({"days": one.days} if one.days > 1 else {})
+        side = "test" if number >= len(listed) - tested else "train"
+        entry["split"] = side if len(listed) > 1 else _split(facts)
+        asked = "which are tested on?" if len(listed) > 1 else "other files as well? Then whole days or files as test"
+        lines.append(f"  - {_flow(entry)}" + (f"  # decide: {asked}" if not number else ""))
+    lines += [_line(key, keys[key], f"decide: {guess.asks[key]}" if key in guess.asks else "")
+              for key in _KEYS if key in keys]  # fmt: skip
+    lines += [f"# {note}" for note in guess.notes]
     if step != 1.0:
         lines.append(_line("time_step_s", step, "the file has rows so far apart"))
     lines += [
@@ -54,9 +70,7 @@ def draft(listed: str, guess: Guess, facts: Facts) -> str:
     return "\n".join([*lines, *told]) + "\n"
 
 
-def _line(key: str, value: Any, remark: str = "", asked: str = "") -> str:
-    if asked and remark and not remark.startswith(("times are", "positions have")):
-        remark = f"decide: {remark}"
+def _line(key: str, value: Any, remark: str = "") -> str:
     return f"{key}: {_flow(value)}" + (f"  # {remark}" if remark else "")
 
 

@@ -35,7 +35,26 @@ class Facts:
     fault: str = ""  # why nothing is left, where cleaning stops
 
     def lines(self) -> list[tuple[str, str]]:
-        """What is told of it, as names and texts."""
+        """What is told of a recording that is on one side, as names and texts."""
+        return [*self.of_file(), ("once clean", self.of_side())]
+
+    def of_side(self) -> str:
+        """What is left of it once it is clean."""
+        tracks = self.clean
+        begin, end = (tracks.t.min(), tracks.t.max()) if len(tracks.t) else (0.0, 0.0)
+        return (
+            f"{len(tracks.bounds()) - 1:,} tracks of {len(tracks.t):,} rows, every {self.form.time_step_s:g} s, "
+            f"within {end - begin:,.0f} s"
+        )
+
+    def owners(self) -> set[str]:
+        """The owner's ids of whom it is left."""
+        known = self.account.get("owners", {})
+        ids = map(str, self.clean.track_id[self.clean.bounds()[:-1]].tolist())
+        return {known[one][0] if one in known else one for one in ids}
+
+    def of_file(self) -> list[tuple[str, str]]:
+        """What is told of its file."""
         rows, account = self.raw, self.account
         bounds = rows.bounds()
         same = np.diff(rows.track_id) == 0
@@ -44,8 +63,7 @@ class Facts:
         walk = moves(rows, max(1, round(1 / step)) if step > 0 else 1)
         reused = np.unique(rows.track_id[1:][same][seconds > REUSED_S])
         told = [
-            ("rows, tracks", f"{len(rows.t):,} rows of {len(bounds) - 1:,} ids; {len(self.clean.t):,} rows of "
-             f"{len(self.clean.bounds()) - 1:,} tracks once clean, every {self.form.time_step_s:g} s"),
+            ("rows, ids", f"{len(rows.t):,} rows of {len(bounds) - 1:,} ids"),
             ("ids", ("texts" if account.get("owners") else "whole numbers") + (
                 f"; {len(reused)} pause for more than a minute: probably used again by others" if len(reused) else "")),
             ("time", self._times()),
@@ -59,7 +77,9 @@ class Facts:
             ("gaps", f"{int((seconds > self.form.gap_s).sum()):,} pauses of more than {self.form.gap_s:g} s, "
              f"{account.get('notes', {}).get('cut_at_jump', 0):,} cuts at jumps"),
         ]  # fmt: skip
-        if dropped := account.get("rows", {}).get("dropped"):
+        dropped = {reason: count for reason, count in account.get("rows", {}).get("dropped", {}).items()
+                   if reason not in ("other_split", "other_part")}  # fmt: skip
+        if dropped:
             told.append(("dropped", ", ".join(f"{count:,} {reason}" for reason, count in dropped.items())))
         return told
 
@@ -74,6 +94,20 @@ class Facts:
             f"{first:%Y-%m-%d %H:%M} to {last:%Y-%m-%d %H:%M}, {self.form.timezone}, {hours}; clock hours "
             + ", ".join(map(str, there))
         )
+
+
+def of_both_sides(train: Facts, test: Facts) -> list[tuple[str, str]]:
+    """What is told of a file that holds both splits: of the file, of each side, and of those on neither or both."""
+    told = [*train.of_file(), ("train, once clean", train.of_side()), ("test, once clean", test.of_side())]
+    others = train.account.get("tracks", {}).get("dropped", {}).get("other_split", 0)
+    neither = others - (len(test.clean.bounds()) - 1)
+    chosen = train.recording.chosen
+    if chosen is not None and chosen.by == "time" and neither > 0:
+        told.append(("on neither side", f"tracks of people who are there when the file is divided: {neither:,}"))
+    both = len(train.owners() & test.owners())
+    if both:
+        told.append(("ids on both sides", f"{both:,}, each in several pieces: are they the same people?"))
+    return told
 
 
 def look_at(path: str | Path, form: FileFormat, recording: Recording, clock: bool) -> Facts:

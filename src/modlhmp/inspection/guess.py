@@ -3,6 +3,7 @@
 import itertools
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -10,27 +11,30 @@ from typing import Any
 
 import numpy as np
 
-from modlhmp.file_format import LENGTH_M, FileFormat, Units
-from modlhmp.inspection.roles import Columns, Values, find_columns, values_of
+from modlhmp.file_format import LENGTH_M, FileFormat
+from modlhmp.inspection.chosen import choose, joint_ids
+from modlhmp.inspection.roles import Columns, Values, find_columns, one_person, pace_of, table_rows, values_of
 from modlhmp.inspection.sheet import Sheet, first_lines, read_sheet
-from modlhmp.motion import Moves, moves, recorded_agreement
+from modlhmp.inspection.unfit import PIXEL_M, refuse_times_in_two, refuse_unfit, refuse_without_columns
+from modlhmp.inspection.velocities import velocity_columns
 from modlhmp.readers import read_recording
-from modlhmp.readers.delimited import SECONDS, SPEED_MPS
-from modlhmp.readers.raw import open_raw
+from modlhmp.readers.delimited import MAX_DISTANCE_M, SECONDS
+from modlhmp.readers.raw import People, open_raw
 from modlhmp.settings import check
-from modlhmp.speed_units import EXTENT_M, USUAL_MPS, extent_of, rate_for
-from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, usual_step
+from modlhmp.speed_units import EXTENT_M, FOOT_M, USUAL_MPS, extent_of, rate_for
+from modlhmp.tracks import Tracks
 
 _RATE = re.compile(r"(?:frame ?-?rate|fps)\D{0,3}(\d+(?:\.\d+)?)", re.I)
 _IN_CM = re.compile(r"\bin (cm|mm|m)\b|[xy]\s?[/\[(]\s?(cm|mm|m)\b", re.I)
 _UNIX = {"s": (3e8, 7e9), "ms": (3e11, 7e12), "us": (3e14, 7e15), "ns": (3e17, 7e18)}  # years 1980 to 2190
 _NEAR = "this gives a walking speed, but so do others near it"
+_OTHERS_M = {"ft": FOOT_M, "km": 1000.0}  # units of length that there is no option for
+_METRES = {**LENGTH_M, **_OTHERS_M}
+SCALES = (0.002, 0.3)  # metres that a pixel may have
 PLAUSIBLE_MPS = (0.5, 2.5)  # of a unit that is taken without asking
-UNFIT = (0.25, 0.8)  # times between rows [s] of which the last one in every second is now early, now late
 CAMERAS = (25.0, 30.0, 15.0, 10.0, 9.0, 5.0, 2.5, 1.0)  # frames per second, the commonest first
-PIXEL_M = (0.01, 0.06)  # of cameras that see a place
-AGREES, FOLLOWS = 0.85, 0.4  # mean cosine of headings and displacements, correlation of speeds with theirs
+MOST_BACK, RARELY = 10.0, 0.1  # usual steps that times may go back; share of rows in which they do, or of people
+MOST_PX = 4100  # of an image's longer side
 
 
 @dataclass
@@ -40,7 +44,7 @@ class Guess:
     keys: dict[str, Any]
     asks: dict[str, str] = field(default_factory=dict)
     clock: bool = False  # times are of a clock, so that days are known
-    left_out: str = ""  # why columns of speed and heading are
+    notes: list[str] = field(default_factory=list)  # of what is left out, or left to a human
 
     @property
     def form(self) -> FileFormat:
@@ -54,24 +58,74 @@ def guess(path: str | Path) -> Guess:
         head = file.read(1 << 16)
     if known := _known_form(head):
         if known.keys.get("frame_rate") == 0:
-            per_frame = _pace_of(read_recording(path, replace(FileFormat(reader="trajnet"), frame_rate=1.0))[0])
+            per_frame = pace_of(read_recording(path, replace(FileFormat(reader="trajnet"), frame_rate=1.0))[0])
             known.keys["frame_rate"] = rate_for(per_frame) or 25.0
         return known
-    lines = first_lines(path)
-    sheet = read_sheet(path, lines)
+    return _of_table(path)
+
+
+def guess_people(files: Sequence[str | Path]) -> Guess | None:
+    """How files are written that are of one person each, with or without an id; None where they hold several people."""
+    with open_raw(files[0]) as file:
+        if _known_form(file.read(1 << 16)):
+            return None
+    largest = sorted(files, key=lambda file: Path(file).stat().st_size)[-3:]
+    sheets = [read_sheet(file, first_lines(file)) for file in largest]
+    if not all(map(_is_of_one, sheets)):
+        return None
+    first = sheets[-1]
+    found = _of_table(People(tuple(map(str, files)), first.separator or " ", first.header, first.skip_lines))
+    columns = {role: column for role, column in found.keys["columns"].items() if role != "track_id"}
+    found.keys["columns"] = {role: _own(column) for role, column in columns.items()}
+    for key in {"only", "without"} & found.keys.keys():
+        found.keys[key] = {str(_own(column)): texts for column, texts in found.keys[key].items()}
+    found.keys |= {"file_is": "person"} | ({"skip_lines": first.skip_lines} if first.skip_lines else {})
+    return found
+
+
+def _is_of_one(sheet: Sheet) -> bool:
+    """Whether all rows of a table are of one person."""
     values = values_of(sheet)
-    columns = find_columns(sheet, values)
+    columns = find_columns(sheet, values) or one_person(sheet, values)
+    return columns is not None and len(np.unique(values.ids(columns))) == 1
+
+
+def _own(column: int | str) -> int | str:
+    """A column as its own file has it, without the name of the file before it."""
+    return int(column) - 1 if isinstance(column, int) or column.isdecimal() else column
+
+
+def _of_table(path: str | Path | People) -> Guess:
+    """How a table in text is written, column by column."""
+    sheet = read_sheet(path, first_lines(path))
+    values = values_of(sheet)
+    refuse_times_in_two(path, sheet, values)
+    columns = find_columns(sheet, values, 0 if isinstance(path, People) else None)
     if columns is None:
-        shown = "; ".join(" ".join(row) for row in sheet.rows[:2])[:120]
-        raise DataError(
-            f"{path}: no choice of id, time, x and y among its {len(sheet.rows[0])} columns gives people who move "
-            f"(rows such as {shown!r}): are ids in a column of their own? Say `columns` in a dataset file"
-        )
-    found = Guess(_layout(sheet))
-    _times_and_lengths(Path(path), found, sheet, values, columns)
-    _velocities(found, sheet, values, columns)
-    if columns.by_values:
-        found.asks["columns"] = "guessed from the values, as the file does not name them"
+        refuse_without_columns(path, sheet, values)
+    chosen = choose(sheet, values, columns)
+    sheet = sheet._replace(rows=[row for row, kept in zip(sheet.rows, chosen.rows, strict=True) if kept])
+    values = values.take(chosen.rows)
+    other = joint_ids(values, columns)
+    found = Guess(_layout(sheet) | chosen.keys, dict(chosen.asks), notes=list(chosen.notes))
+    found.keys["columns"] = {role: sheet.called(getattr(columns, role)) for role in ("track_id", "t", "x", "y")}
+    if other is not None and columns.track_id is not None:
+        found.keys["columns"]["track_id"] = [sheet.called(other), sheet.called(columns.track_id)]
+        columns.remarks.append("an id alone stands several times at one time")
+        codes = values.codes.copy()
+        codes[:, columns.track_id] = codes[:, columns.track_id] * len(codes) + codes[:, other]
+        values = values._replace(codes=codes)
+    rows, order = table_rows(values, columns)
+    refuse_unfit(path, sheet, values, columns, rows)
+    _times_and_lengths(found, sheet, values, columns, rows)
+    _origin(found, rows)
+    moving = velocity_columns(found.form, sheet, values, columns, order, rows)
+    found.keys["columns"] |= moving.columns
+    found.keys |= {"units": {**found.keys.get("units", {}), **moving.units}} if moving.units else {}
+    found.notes += [moving.left_out] if moving.left_out else []
+    _odd_times(values, columns, found)
+    if columns.remarks:
+        found.asks["columns"] = "; ".join(columns.remarks)
     return found
 
 
@@ -108,6 +162,8 @@ def _layout(sheet: Sheet) -> dict[str, Any]:
         keys["separator"] = sheet.separator
     if sheet.decimal != ".":
         keys["decimal"] = sheet.decimal
+    if sheet.thousands:
+        keys["thousands"] = sheet.thousands
     if sheet.comment and not (sheet.comment == "#" and sheet.separator is None):
         keys["comment"] = sheet.comment
     if sheet.skip_lines:
@@ -117,40 +173,28 @@ def _layout(sheet: Sheet) -> dict[str, Any]:
     return keys
 
 
-def _column(sheet: Sheet, position: int) -> int | str:
-    """How a column is named in `columns`."""
-    name = sheet.names[position] if sheet.header else ""
-    return name if name and sheet.names.count(name) == 1 else position
-
-
-def _times_and_lengths(path: Path, found: Guess, sheet: Sheet, values: Values, columns: Columns) -> None:
-    """Columns of places and times, and their units."""
-    places = ("track_id", "t", "x", "y")
-    found.keys["columns"] = {role: _column(sheet, getattr(columns, role)) for role in places}
+def _times_and_lengths(found: Guess, sheet: Sheet, values: Values, columns: Columns, rows: Tracks) -> None:
+    """Units of times and places; `rows` are the table's in the file's own."""
     clock = values.numbers[:, columns.t]
-    if columns.t not in values.iso and not np.isfinite(clock).any():
-        raise DataError(
-            f"{path}: times such as {sheet.rows[0][columns.t]!r} are neither numbers nor ISO 8601 "
-            "(2026-03-02T09:00:00.5, with or without +01:00): rewrite that column"
-        )
     told = " ".join(sheet.comments) + " " + " ".join(sheet.names)
     length = columns.units.get("x") or next((a or b for a, b in _IN_CM.findall(told)), None)
     length = length.lower() if length else None
+    length = "ft" if length == "feet" else length
     rate = float(match[1]) if (match := _RATE.search(told)) else None
     time = "iso" if columns.t in values.iso else _unit_of_time(clock, columns.units.get("t"), rate)
     if time == "iso" or (time in _UNIX and _UNIX[time][0] < np.nanmedian(clock) < _UNIX[time][1]):
         found.clock = True
-    pace = _pace(values, columns)  # units of length per unit of time
+    pace, extent = pace_of(rows), extent_of(rows)  # units of length per unit of time; units of length
     seconds = SECONDS.get(time or "", 1.0 if time == "iso" else None)
     if time is None or time == "frame":
-        if length is None and _are_pixels(values, columns):
-            length = "px"
-        _frames_or_seconds(found, pace, extent_of(_rows(values, columns)), length, time, rate)
+        if length is None and (columns.of_image or _are_pixels(rows)):
+            length, time = "px", "frame"
+        _frames_or_seconds(found, pace, extent, length, time, rate)
         return
     assert seconds is not None
     if time != "s":
         found.keys.setdefault("units", {})["time"] = time
-    _length(found, pace / seconds, length)
+    _length(found, pace / seconds, extent, length)
 
 
 def _unit_of_time(clock: np.ndarray, named: str | None, rate: float | None) -> str | None:
@@ -167,77 +211,69 @@ def _unit_of_time(clock: np.ndarray, named: str | None, rate: float | None) -> s
     return "frame" if rate else None
 
 
-def _rows(values: Values, columns: Columns) -> Tracks:
-    """The table as tracks in the file's own units."""
-    numbers = values.numbers
-    known = np.isfinite(numbers[:, [columns.t, columns.x, columns.y]]).all(axis=1)
-    ids, t = values.codes[known, columns.track_id], numbers[known, columns.t]
-    order = np.lexsort((t, ids))
-    unknown = np.full(len(t), np.nan)
-    x, y = (numbers[known, column][order] for column in (columns.x, columns.y))
-    return Tracks(ids[order], t[order], x, y, unknown, unknown)
-
-
-def _are_pixels(values: Values, columns: Columns) -> bool:
+def _are_pixels(rows: Tracks) -> bool:
     """Whether positions may be of an image: whole numbers, of a range that images have."""
-    places = values.numbers[:, [columns.x, columns.y]]
-    places = places[np.isfinite(places).all(axis=1)]
+    places = np.column_stack([rows.x, rows.y])
     spread = np.ptp(places, axis=0).max() if len(places) else 0
-    return bool(100 < spread < 8000 and places.min() >= 0 and np.array_equal(places, np.rint(places)))
-
-
-def _pace(values: Values, columns: Columns) -> float:
-    """The median speed of those who move, in the file's units; over some rows, so that jitter does not count."""
-    return _pace_of(_rows(values, columns))
-
-
-def _pace_of(rows: Tracks) -> float:
-    longest = len(rows.t) // max(len(rows.bounds()) - 1, 1) // 4
-    speeds = moves(rows, int(np.clip(longest, 1, 10))).speed if len(rows.t) > 2 else np.empty(0)
-    return float(np.median(speeds)) if len(speeds) else float("nan")
+    return bool(100 < spread < MOST_PX and places.min() > -0.3 * spread and (places % 1 == 0).all())
 
 
 def _frames_or_seconds(found, pace, extent, length, time, rate):
     """Whole numbers as times: seconds or milliseconds if people walk as people do, else frames of some rate."""
     for unit, of_length in itertools.product(("s", "ms"), [length] if length else LENGTH_M):
-        metres = LENGTH_M.get(of_length)
+        metres = _METRES.get(of_length)
         if metres is None or time == "frame" or not EXTENT_M[0] <= extent * metres <= EXTENT_M[1]:
             continue
-        if PLAUSIBLE_MPS[0] <= pace * metres / SECONDS[unit] <= PLAUSIBLE_MPS[1]:
+        if PLAUSIBLE_MPS[0] <= (speed := pace * metres / SECONDS[unit]) <= PLAUSIBLE_MPS[1]:
             if unit != "s":
                 found.keys["units"] = {"time": unit}
-            found.asks["units"] = f"times are whole numbers without a unit: {unit} give a walking speed"
-            return _length(found, pace / SECONDS[unit], of_length)
+            found.asks["units"] = f"times are whole numbers without a unit: {unit} and {of_length} give {speed:.2g} m/s"
+            return _length(found, pace / SECONDS[unit], extent, of_length)
     found.keys["units"] = {"time": "frame"}
     if rate is not None:
         found.keys["frame_rate"] = rate
-        return _length(found, pace * rate, length)
+        return _length(found, pace * rate, extent, length)
     if length == "px":
         fits = (one for one in CAMERAS if PIXEL_M[0] <= USUAL_MPS / (pace * one) <= PIXEL_M[1])
         found.keys["frame_rate"] = next(fits, CAMERAS[0]) if pace > 0 else CAMERAS[0]
         found.asks["frame_rate"] = "the file does not say it: with the scale it gives a walking speed, as others do"
-        return _length(found, pace * found.keys["frame_rate"], length)
-    for unit in [length] if length else ["m", "cm", "mm"]:
-        fitting = rate_for(pace * LENGTH_M.get(unit, 1.0))
-        if fitting is not None:
+        return _length(found, pace * found.keys["frame_rate"], extent, length)
+    for unit in [length] if length else LENGTH_M:
+        fitting = rate_for(pace * _METRES.get(unit, 1.0))
+        if fitting is not None and EXTENT_M[0] <= extent * _METRES.get(unit, 1.0) <= EXTENT_M[1]:
             found.keys["frame_rate"] = fitting
             found.asks["frame_rate"] = "the file does not say it: " + _NEAR
-            return _length(found, pace * fitting, unit)
+            if length is None and unit != "m":
+                found.asks["units"] = (
+                    f"positions have no unit: {unit} with this rate give a walking speed, but are they px?"
+                )
+            return _length(found, pace * fitting, extent, unit)
     found.keys["frame_rate"] = 25.0
     found.asks["frame_rate"] = "the file does not say it, and no rate gives a walking speed in m, cm or mm"
-    return _length(found, pace * 25.0, length)
+    return _length(found, pace * 25.0, extent, length)
 
 
-def _length(found: Guess, pace: float, length: str | None) -> None:
-    """The unit of positions; `pace` is the walking speed in it [1/s]."""
+def _length(found: Guess, pace: float, extent: float, length: str | None) -> None:
+    """The unit of positions; `pace` is the walking speed [1/s] and `extent` the size of the place in it."""
     units = found.keys.setdefault("units", {})
-    fitting = [unit for unit, metres in LENGTH_M.items() if PLAUSIBLE_MPS[0] <= pace * metres <= PLAUSIBLE_MPS[1]]
+    fitting = [
+        unit
+        for unit, metres in LENGTH_M.items()
+        if PLAUSIBLE_MPS[0] <= pace * metres <= PLAUSIBLE_MPS[1] and extent * metres <= EXTENT_M[1]
+    ]
     if length is None and len(fitting) == 1:
         length = fitting[0]
         if length != "m":
             found.asks.setdefault("units", f"positions have no unit: {length} give {pace * LENGTH_M[length]:.2g} m/s")
-    if length is None or length.startswith(("px", "pixel")):
-        scale = float(f"{USUAL_MPS / pace:.2g}") if pace > 0 else 1.0
+    scale = float(f"{USUAL_MPS / pace:.2g}") if pace > 0 else 1.0
+    if length in _OTHERS_M:
+        found.keys["scale"] = _OTHERS_M[length]
+        found.asks["scale"] = f"metres of {length}, for which there is no unit"
+        length = "px"
+    elif length is None and not SCALES[0] <= scale <= SCALES[1]:
+        length, found.asks["units"] = "m", "positions have no unit, and no unit gives a walking speed"
+        units["length"] = length
+    elif length is None or length.startswith(("px", "pixel")):
         length, found.keys["scale"] = "px", scale
         found.asks["scale"] = f"metres per pixel are not in the file: this gives {USUAL_MPS:g} m/s, as is usual"
     if length != "m":
@@ -246,83 +282,27 @@ def _length(found: Guess, pace: float, length: str | None) -> None:
         del found.keys["units"]
 
 
-def _velocities(found: Guess, sheet: Sheet, values: Values, columns: Columns) -> None:
-    """Columns of speed and heading with their units, where they follow displacements."""
-    form = found.form
-    rows = _rows(values, columns)
-    seconds = 1.0 / form.frame_rate if form.units.time == "frame" else SECONDS.get(form.units.time, 1.0)  # type: ignore[operator]
-    rows = rows._replace(t=rows.t * seconds, x=rows.x * form.metres, y=rows.y * form.metres)
-    step = usual_step(rows)
-    around = moves(rows, max(2, 2 * round(0.5 / step)) if step > 0 else 2)
-    numbers = values.numbers
-    known = np.isfinite(numbers[:, [columns.t, columns.x, columns.y]]).all(axis=1)
-    order = np.lexsort((numbers[known, columns.t], values.codes[known, columns.track_id]))
-    others = [c for c in range(numbers.shape[1]) if c not in (columns.track_id, columns.t, columns.x, columns.y)]
-    of_column = {column: numbers[known, column][order] for column in others if column not in values.iso}
-    if len(around.row) < 10:
-        return
-    speed = _speed_column(of_column, around, columns.named.get("speed"))
-    heading = _heading_column({c: part for c, part in of_column.items() if speed and c != speed[0]}, rows, around,
-                              columns.named.get("heading"))  # fmt: skip
-    if speed is None or heading is None:
-        return
-    if UNFIT[0] < step < UNFIT[1]:
-        found.left_out = (
-            f"columns {_column(sheet, speed[0])!r} and {_column(sheet, heading[0])!r} are speed and heading; they are "
-            f"left out, since rows {step:.2g} s apart do not fit into steps of 1 s, where positions can be interpolated"
+def _odd_times(values: Values, columns: Columns, found: Guess) -> None:
+    """Remarks where times go back within an id here and there, or where everybody begins at the same one."""
+    ids, t = values.ids(columns), values.numbers[:, columns.t]
+    by_id = np.argsort(ids, kind="stable")  # rows of an id in the file's order
+    steps = np.diff(t[by_id])[np.diff(ids[by_id]) == 0]
+    back = steps < -MOST_BACK * np.median(np.abs(steps)) if len(steps) else steps
+    if 0 < np.sum(back) < RARELY * len(steps):
+        columns.remarks.append(
+            f"times go back within {np.sum(back)} ids: two recordings in one file, or a clock that begins anew?"
         )
-        return
-    found.keys["columns"] |= {"speed": _column(sheet, speed[0]), "heading": _column(sheet, heading[0])}
-    units = found.keys.setdefault("units", {})
-    if SPEED_MPS[speed[1]] != form.metres:
-        units["speed"] = speed[1]
-    units |= heading[1]
-    if not units:
-        del found.keys["units"]
+    begins = [t[by_id][part].min() for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(ids[by_id])) + 1)]
+    if len(begins) >= 10 and np.mean(np.array(begins) == np.min(begins)) > 1 - RARELY:
+        found.notes.append("decide: all begin at the same time: is it counted from each one's own begin?")
 
 
-def _speed_column(of_column: dict[int, np.ndarray], around: Moves, named: int | None) -> tuple[int, str] | None:
-    """The column of speeds and its unit: the one nearest to displacements that rises and falls with them."""
-    found: list[tuple[float, int, str]] = []
-    for column, part in of_column.items():
-        here = part[around.row]
-        known = np.isfinite(here)
-        if (named is not None and column != named) or known.mean() < 0.8 or (here[known] < 0).any():
-            continue
-        if column != named and (
-            np.std(here[known]) == 0 or np.corrcoef(here[known], around.speed[known])[0, 1] < FOLLOWS
-        ):
-            continue
-        for unit, factor in SPEED_MPS.items():
-            ratios = here[known] * factor / around.speed[known]
-            off = float(np.median(np.abs(ratios - 1)))
-            if 0.75 < np.median(ratios) < 1.33 and off < 0.25:
-                found.append((off, column, unit))
-    return min(found)[1:] if found else None
-
-
-def _heading_column(
-    of_column: dict[int, np.ndarray], rows: Tracks, around: Moves, named: int | None
-) -> tuple[int, dict[str, str]] | None:
-    """The column of headings, its unit and convention where they are not the defaults."""
-    best: tuple[float, int, dict[str, str]] | None = None
-    for column, part in of_column.items():
-        if named is not None and column != named:
-            continue
-        known = part[np.isfinite(part)]
-        if not len(known):
-            continue
-        angle = "deg" if np.abs(known).max() > 6.4 else "rad"
-        headings = np.deg2rad(part) if angle == "deg" else part
-        for convention in ("from_x", "from_x_clockwise", "compass"):
-            meant = {"from_x": headings, "from_x_clockwise": -headings, "compass": np.pi / 2 - headings}[convention]
-            units = Units(angle=angle, heading=convention)  # type: ignore[arg-type]
-            cosine, _, _ = recorded_agreement(rows._replace(heading=meant), around, units)
-            told = {"angle": angle} if angle == "deg" else {}
-            told |= {"heading": convention} if convention != "from_x" else {}
-            if cosine >= AGREES and (best is None or cosine > best[0] + 1e-6):
-                best = (cosine, column, told)
-    return best[1:] if best else None
+def _origin(found: Guess, rows: Tracks) -> None:
+    """A local origin where positions are of a national grid: far away from zero, and together."""
+    east, north = (float(np.median(part)) * found.form.metres for part in (rows.x, rows.y))
+    if np.hypot(east, north) > MAX_DISTANCE_M > 2 * extent_of(rows) * found.form.metres:
+        found.keys["origin_m"] = [int(round(east, -2)), int(round(north, -2))]
+        found.asks["origin_m"] = "whole metres of the file's frame; floor plans are moved by it as well"
 
 
 def days_of(rows: Tracks, zone: Any = timezone.utc) -> tuple[str, int]:

@@ -10,7 +10,8 @@ import numpy as np
 
 from modlhmp.clock import unix_time
 from modlhmp.inspection.sheet import Sheet
-from modlhmp.readers.numerals import number
+from modlhmp.motion import moves
+from modlhmp.tracks import Tracks
 
 # Names of columns, without case, blanks and signs, as datasets, trackers and simulators write them.
 _NAMES = {
@@ -25,23 +26,35 @@ _NAMES = {
     "heading": "heading th theta angle motionangle orientation direction yaw thetadelta psi course phi bearing",
 }
 _ROLE = {name: role for role, names in _NAMES.items() for name in names.split()}
+_BOXES = {"x": "bbleft left xmin bbx xtl boxleft x1", "y": "bbtop top ymin bby ytl boxtop y1"}  # upper left corners
+_BOX = {name: role for role, names in _BOXES.items() for name in names.split()}
+_HEIGHTS = {"z", "posz", "zpos", "positionz", "coordcentz", "zest"}
 _UNIT = re.compile(
-    r"[\s_/(\[]+(?:in\s+)?(mm|cm|km/h|kmh|m/s|ms|us|ns|degrees|deg|rad|pixels?|px|m|s)[)\]\s]*$", re.IGNORECASE
+    r"[\s_/(\[]+(?:in\s+)?(mm|cm|km/h|kmh|m/s|ms|us|ns|degrees|deg|rad|pixels?|px|ft|feet|km|m|s)[)\]\s]*$",
+    re.IGNORECASE,
 )
 SMOOTH = 0.2  # a step of a person by the size of the place
 UNTIDY = 1.0  # of recordings it is below 0.5; of tables that are none, such as a map, above 1.5
+_IMAGE_PX = 100.0  # the least that positions in an image vary
+FLATTER = 5.0  # times: so much less than the others vary heights
+_BY_VALUES = "guessed from the values, as the file does not name them"
+_BOX_CORNER = "upper left corners of boxes; the middle of the lower edge, where feet are, would be better"
 
 
 class Columns(NamedTuple):
-    """Positions of the columns, and of speed and heading candidates; units that names say; how sure the choice is."""
+    """Positions of the columns, and of those that are named; units that names say; what a human may want to check.
 
-    track_id: int
+    `track_id` None: all rows are one person's. `of_image`: positions are of boxes in an image.
+    """
+
+    track_id: int | None
     t: int
     x: int
     y: int
     named: dict[str, int]
     units: dict[str, str]
-    by_values: bool = False
+    remarks: list[str]
+    of_image: bool = False
 
 
 class Values(NamedTuple):
@@ -51,6 +64,16 @@ class Values(NamedTuple):
     codes: np.ndarray  # [rows, columns]
     iso: list[int]
 
+    def take(self, rows: np.ndarray) -> "Values":
+        """The values of some rows."""
+        return self._replace(numbers=self.numbers[rows], codes=self.codes[rows])
+
+    def ids(self, columns: Columns) -> np.ndarray:
+        """Whose each row is, as a number."""
+        if columns.track_id is None:
+            return np.zeros(len(self.codes), np.int64)
+        return self.codes[:, columns.track_id]
+
 
 def values_of(sheet: Sheet) -> Values:
     """The fields of a table's first rows as numbers; ISO dates and times as unix seconds."""
@@ -59,7 +82,7 @@ def values_of(sheet: Sheet) -> Values:
     codes, iso = np.empty((len(sheet.rows), width), np.int64), []
     for column in range(width):
         texts = [row[column] for row in sheet.rows]
-        found = [number(text, sheet.decimal) for text in texts]
+        found = [sheet.number(text) for text in texts]
         if (
             sum(one is None for one in found) > 0.5 * len(found)
             and unix_time(texts[len(texts) // 2], "UTC") is not None
@@ -81,51 +104,137 @@ def name_and_unit(name: str) -> tuple[str, str]:
     return (tidy, unit) if tidy in _ROLE or not unit else (re.sub(r"[^a-z0-9]", "", name.lower()), "")
 
 
-def find_columns(sheet: Sheet, values: Values) -> Columns | None:
-    """The columns of a table, None where no choice of them gives people who move."""
-    named: dict[str, int] = {}
-    units: dict[str, str] = {}
-    for position, name in enumerate(sheet.names):
-        plain, unit = name_and_unit(name)
-        role = _ROLE.get(plain)
-        if role and role not in named:
-            named[role] = position
-            if unit:
-                units[role] = unit
-            if role == "t" and plain.startswith(("frame", "fr", "f")) and not plain.startswith("from"):
-                units[role] = "frame"
-            if plain.endswith("ms") and role == "t" and plain != "ms":
-                units[role] = "ms"
+def find_columns(sheet: Sheet, values: Values, owner: int | None = None) -> Columns | None:
+    """The columns of a table, None where no choice of them gives people who move; `owner` is that of ids, if known."""
+    named, units, remarks = _named(sheet, values)
+    if owner is not None:
+        named["track_id"] = owner
     if {"track_id", "t", "x", "y"} <= named.keys():
-        return Columns(named["track_id"], named["t"], named["x"], named["y"], named, units)
-    best = _by_values(values, named)
+        places: tuple[int, int, int, int] = (named["track_id"], named["t"], named["x"], named["y"])
+    else:
+        owners = [named["track_id"]] if "track_id" in named else list(range(values.numbers.shape[1]))
+        best = _by_values(values, named, owners)
+        if best is None:
+            return None
+        places = best
+        remarks = [*remarks, _BY_VALUES]
+    of_image = _are_corners(sheet, values, *places)
+    return Columns(*places, named, units, [*remarks, *([_BOX_CORNER] if of_image else [])], of_image)
+
+
+def one_person(sheet: Sheet, values: Values) -> Columns | None:
+    """The columns of a table whose rows are all of one person; None where it is none."""
+    named, units, remarks = _named(sheet, values)
+    if {"t", "x", "y"} <= named.keys():
+        return Columns(None, named["t"], named["x"], named["y"], named, units, remarks)
+    best = _by_values(values, named, [None])
     if best is None:
         return None
     owner, t, x, y = best
-    return Columns(owner, t, x, y, named, units, by_values=True)
+    return Columns(owner, t, x, y, named, units, [_BY_VALUES])
 
 
-def _by_values(values, named):
-    """The (id, time, x, y) that make the smoothest tracks."""
-    width, found = values.numbers.shape[1], []
-    times = [named["t"]] if "t" in named else range(width)
-    owners = [named["track_id"]] if "track_id" in named else range(width)
-    for t in times:
-        for owner in owners:
-            if t != owner and (score := _score(values, owner, t, named)) is not None:
-                found.append(score)
-    score, chosen = min(found, default=(np.inf, None))
+def table_rows(values: Values, columns: Columns) -> tuple[Tracks, np.ndarray]:
+    """The rows with a time and a place as tracks in the file's own units, and where each stands in the table."""
+    numbers, ids = values.numbers, values.ids(columns)
+    known = np.flatnonzero(np.isfinite(numbers[:, [columns.t, columns.x, columns.y]]).all(axis=1))
+    order = known[np.lexsort((numbers[known, columns.t], ids[known]))]
+    t, x, y = (numbers[order, column] for column in (columns.t, columns.x, columns.y))
+    unknown = np.full(len(t), np.nan)
+    return Tracks(ids[order], t, x, y, unknown, unknown), order
+
+
+def _counts(part, clock, ids):
+    """Whether a column counts rows, or is another time: the same for all who are there at one time."""
+    rows = np.diff(part)
+    if len(rows) and (rows == 1).mean() > 0.95 and (np.diff(ids) == 0).mean() < 1:
+        return True
+    order = np.lexsort((part, clock))
+    together = np.diff(clock[order]) == 0
+    return together.sum() > 10 and (np.diff(part[order])[together] == 0).mean() > 0.99
+
+
+def pace_of(rows: Tracks) -> float:
+    """The median speed of those who move, in the file's units; over some rows, so that jitter does not count."""
+    longest = len(rows.t) // max(len(rows.bounds()) - 1, 1) // 4
+    speeds = moves(rows, int(np.clip(longest, 1, 10))).speed if len(rows.t) > 2 else np.empty(0)
+    return float(np.median(speeds)) if len(speeds) else float("nan")
+
+
+def _named(sheet, values):
+    """Columns by their names, units that these say, and remarks: ({role: position}, {role: unit}, list of text)."""
+    found: dict[tuple[str, bool], list[int]] = {}  # by role and whether it is a box's
+    unit_of: dict[int, str] = {}
+    for position, name in enumerate(sheet.names):
+        plain, unit_of[position] = name_and_unit(name)
+        for role_of in (_ROLE, _BOX):
+            if plain in role_of:
+                found.setdefault((role_of[plain], role_of is _BOX), []).append(position)
+        if _ROLE.get(plain) == "t":
+            unit_of[position] = (
+                "frame" if plain.startswith("f") else "ms" if plain.endswith("ms") else unit_of[position]
+            )
+    named = {role: positions[0] for (role, of_box), positions in found.items() if not of_box}
+    for role in ("x", "y"):  # a column that holds one value is filled in, as in trackers' files of boxes
+        varying = (p for of_box in (False, True) for p in found.get((role, of_box), []) if _spread(values, p) > 0)
+        if (chosen := next(varying, None)) is not None:
+            named[role] = chosen
+    if "t" in named:
+        usable = [p for p in found["t", False] if np.isfinite(values.numbers[:, p]).mean() > 0.5]
+        distinct = {p: len(np.unique(values.codes[:, p])) for p in usable}
+        named["t"] = max(usable, key=lambda p: (unit_of[p] != "frame", distinct[p]), default=named["t"])
+    remarks = []
+    height = next((p for p, name in enumerate(sheet.names) if name_and_unit(name)[0] in _HEIGHTS), None)
+    if height is not None and {"x", "y"} <= named.keys():
+        across, up, along = (_spread(values, p) for p in (named["x"], named["y"], height))
+        if min(across, along) > FLATTER * up:
+            named["y"] = height
+            remarks = ["y hardly varies, as heights do, so z is taken for it"]
+    return named, {role: unit_of[p] for role, p in named.items() if unit_of[p]}, remarks
+
+
+def _spread(values, column):
+    """How far a column's middle nine tenths reach."""
+    part = values.numbers[:, column]
+    return float(np.nanquantile(part, 0.95) - np.nanquantile(part, 0.05)) if np.isfinite(part).any() else 0.0
+
+
+def _are_corners(sheet, values, owner, t, x, y):
+    """Whether x and y are corners of boxes in an image: by their names, or by the columns beside them."""
+    if any(name_and_unit(sheet.names[column])[0] in _BOX for column in (x, y) if column < len(sheet.names)):
+        return True
+    numbers = values.numbers
+    if sheet.names or y != x + 1 or y + 2 >= numbers.shape[1] or {owner, t} & {y + 1, y + 2}:
+        return False
+    first, second = numbers[:, [x, y]], numbers[:, [y + 1, y + 2]]
+    known = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
+    if known.mean() < 0.8 or _spread(values, x) < _IMAGE_PX:
+        return False
+    sizes = (second, second - first)  # width and height, or the lower right corner
+    return any(
+        (size[known] > 0).mean() > 0.99 and (np.std(size[known], axis=0) < 0.5 * np.mean(size[known], axis=0)).all()
+        for size in sizes
+    )
+
+
+def _by_values(values, named, owners):
+    """The (id, time, x, y) that make the smoothest tracks, ids in one of the columns `owners`."""
+    times = [named["t"]] if "t" in named else range(values.numbers.shape[1])
+    found = [_score(values, owner, t, named) for t in times for owner in owners if t != owner]
+    score, chosen = min((one for one in found if one is not None), default=(np.inf, None))
     return chosen if score < UNTIDY else None
 
 
 def _score(values, owner, t, named):
-    """(how far from people's tracks, the columns) of one choice of id and time."""
-    clock, ids = values.numbers[:, t], values.codes[:, owner]
-    numeric = np.isfinite(values.numbers[:, owner])
-    fractions = numeric.any() and not np.array_equal(*(part[numeric] for part in (
-        values.numbers[:, owner], np.rint(values.numbers[:, owner]))))  # fmt: skip
+    """(how far from people's tracks, the columns) of one choice of id and time; `owner` None: all are one person's."""
+    clock = values.numbers[:, t]
+    ids = np.zeros(len(clock), np.int64) if owner is None else values.codes[:, owner]
+    whose = np.zeros(len(clock)) if owner is None else values.numbers[:, owner]
+    numeric = np.isfinite(whose)
+    fractions = numeric.any() and not np.array_equal(whose[numeric], np.rint(whose[numeric]))
     usable = np.isfinite(clock)
-    if fractions or usable.mean() < 0.8 or len(np.unique(ids)) > 0.5 * len(ids):
+    alone = owner is not None and (ids == ids[0]).all()
+    if fractions or alone or usable.mean() < 0.8 or len(np.unique(ids)) > 0.5 * len(ids):
         return None
     by_file = np.lexsort((np.arange(len(ids)), ids))
     same = np.diff(ids[by_file]) == 0
@@ -140,9 +249,9 @@ def _score(values, owner, t, named):
     shared = 1 - len(np.unique(clock[usable])) / usable.sum()  # several people at a time
     smooth = {}
     for column in range(values.numbers.shape[1]):
-        part = values.numbers[order, column]
-        spread = np.nanquantile(part, 0.95) - np.nanquantile(part, 0.05) if np.isfinite(part).any() else 0.0
-        if column not in (owner, t) and spread > 0:
+        part, spread = values.numbers[order, column], _spread(values, column)
+        taken = (owner, t, named.get("speed"), named.get("heading"))
+        if column not in taken and spread > 0 and not _counts(values.numbers[:, column], clock, ids):
             smooth[column] = float(np.nanmedian(np.abs(np.diff(part)[same])) / spread)
     places = [column for column, ratio in smooth.items() if ratio < SMOOTH]
     x = named.get("x", places[0] if places else None)
@@ -151,4 +260,4 @@ def _score(values, owner, t, named):
         return None
     untidy = np.mean(steps == 0) + (1 - abs(float(np.mean(ahead)))) + 0.5 * (1 - even) + (1 - np.mean(same))
     untidy += 0.2 * (1 - shared)
-    return smooth[x] + smooth[y] + untidy + 0.01 * (owner + t), (owner, t, x, y)
+    return smooth[x] + smooth[y] + untidy + 0.01 * ((owner or 0) + t), (owner, t, x, y)

@@ -1,18 +1,22 @@
-"""The first lines of a text file as a table: its separator, decimal mark, comments, preamble and header."""
+"""The first lines of a text file as a table: its separator, marks in numbers, comments, preamble and header."""
 
 import codecs
 import itertools
+import re
 from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
 from modlhmp.readers.numerals import number
-from modlhmp.readers.raw import line_blocks
+from modlhmp.readers.raw import People, line_blocks
+from modlhmp.readers.start import fields_of
 from modlhmp.storage import DataError
 
 MOST_LINES = 20_000
 _COMMENTS = "#%"
 _SEPARATORS = (";", "\t", ",", "|", None)  # None: blanks; of those that fit as well, the first one
+_MARKS = ((".", ""), (",", ""), (".", ","), (".", "'"), (".", " "), (",", "."), (",", "'"), (",", " "))  # likewise
+_LEAST_COLUMNS = 3  # of one person's file: a time and two positions
 _UNITS = {"s", "ms", "m", "cm", "mm", "m/s", "rad", "deg", "-", "", "[s]", "[m]", "[mm]", "[m/s]"}
 _BINARY = {
     b"\x89HDF": "HDF5", b"SQLite format 3": "SQLite", b"PAR1": "Parquet", b"PK\x03\x04": "a zip archive or a workbook",
@@ -25,11 +29,12 @@ class Sheet(NamedTuple):
 
     `separator` None: blanks; `skip_lines`: before the header or the first row, comments not counted where they are
     known as such; `names`: those of the header, or of a comment that looks like one (`header` says which); `rows` are
-    the raw fields; `comments` the comment lines.
+    the raw fields; `comments` the comment lines. Numbers have a `decimal` mark and marks of `thousands`, if not empty.
     """
 
     separator: str | None
     decimal: str
+    thousands: str
     comment: str | None
     skip_lines: int
     header: bool
@@ -37,8 +42,17 @@ class Sheet(NamedTuple):
     rows: list[list[str]]
     comments: list[str]
 
+    def number(self, text: str) -> float | None:
+        """The number that a field is, None for any other text."""
+        return number(text, self.decimal, self.thousands)
 
-def first_lines(path: str | Path) -> list[str]:
+    def called(self, column: int) -> int | str:
+        """How a column is called in a dataset file: by its name where that is one, else by position."""
+        name = self.names[column] if self.header else ""
+        return name if name and "\ufffd" not in name and self.names.count(name) == 1 else column
+
+
+def first_lines(path: str | Path | People) -> list[str]:
     """The first lines of a text file; `DataError` where it is none, or in an encoding that readers do not take."""
     lines: list[str] = []
     for block in line_blocks(path):
@@ -53,8 +67,8 @@ def first_lines(path: str | Path) -> list[str]:
     return lines[:MOST_LINES]
 
 
-def read_sheet(path: str | Path, lines: list[str]) -> Sheet:
-    """The table that a file's first lines hold; `DataError` where no form gives one of four columns or more."""
+def read_sheet(path: str | Path | People, lines: list[str]) -> Sheet:
+    """The table that a file's first lines hold; `DataError` where no form gives one of three columns or more."""
     first = next((line.lstrip()[0] for line in lines if line.strip()), "")
     comment = first if first in _COMMENTS and first else None
     kept = [(n, line) for n, line in enumerate(lines) if line.strip() and not (comment and line.lstrip()[0] == comment)]
@@ -62,12 +76,12 @@ def read_sheet(path: str | Path, lines: list[str]) -> Sheet:
         comment = "#"
         kept = [(n, line) for n, line in kept if not line.startswith("#")]
     best = max((_fits([line for _, line in kept], separator) for separator in _SEPARATORS), key=lambda fit: fit[0])
-    score, separator, decimal, width, numeric = best
+    score, separator, marks, width, numeric = best
+    decimal, thousands = marks
     if score <= 0:
-        shown = next((line for _, line in kept), "")[:80]
-        raise DataError(f"{path}: holds no table of an id, a time and two positions in each line; it begins {shown!r}")
+        raise DataError(f"{path}: {_no_table([line for _, line in kept])}")
     table = [(n, _fields(line, separator)) for n, line in kept]
-    begin = next(i for i, (_, row) in enumerate(table) if len(row) == width and _is_data(row, numeric, decimal))
+    begin = next(i for i, (_, row) in enumerate(table) if len(row) == width and _is_data(row, numeric, marks))
     above = [(n, row) for n, row in itertools.islice(table, max(begin - 2, 0), begin) if len(row) == width]
     if len(above) == 2 and not {field.lower() for field in above[1][1]} <= _UNITS:
         above = above[1:]  # the line before the names is of a preamble
@@ -76,38 +90,67 @@ def read_sheet(path: str | Path, lines: list[str]) -> Sheet:
     number_of_line = above[0][0] if above else table[begin][0]
     before = [n for n, _ in kept if n < number_of_line]
     rows = [row for _, row in table[begin:] if len(row) == width]
-    return Sheet(separator, decimal, comment, number_of_line if before else 0, bool(above), names, rows, comments)
+    skipped = number_of_line if before else 0
+    return Sheet(separator, decimal, thousands, comment, skipped, bool(above), names, rows, comments)
+
+
+def _no_table(lines):
+    """What is said of a file that holds no table."""
+    first = lines[0].strip() if lines else ""
+    if len(lines) == 1 and any(len(_fields(first, one)) >= _LEAST_COLUMNS for one in (";", "\t", ",", "|")):
+        return f"has no row, only {first[:80]!r}; was the export cut off?"
+    if first.startswith(("[", "{")):
+        return "is JSON; export it as CSV, one row for each person and time, or as TrajNet++'s JSON lines"
+    fields = [field for line in lines[1:3] for separator in _SEPARATORS for field in _fields(line, separator)]
+    if suffixed := next((field for field in fields if re.fullmatch(r"-?\d+(\.\d+)? ?(m|cm|mm|s|ms|m/s)", field)), None):
+        return f"has numbers with their units, such as {suffixed!r}: write numbers alone"
+    return f"holds no table of an id, a time and two positions in each line; it begins {first[:80]!r}"
 
 
 def _fits(lines, separator):
-    """How well a separator fits: (score, separator, decimal mark, columns, which of them are of numbers)."""
+    """How well a separator fits: (score, separator, marks in numbers, columns, which of them are of numbers)."""
     sample = lines[len(lines) // 5 :][:300]  # not a preamble
     rows = [_fields(line, separator) for line in sample]
     counts = Counter(map(len, rows))
     width, often = max(counts.items(), key=lambda item: (item[1], item[0])) if counts else (0, 0)
-    best: tuple[float, str | None, str, int, list[int]] = (0.0, separator, ".", width, [])
-    if width < 4:
+    best: tuple[float, str | None, tuple[str, str], int, list[int]] = (0.0, separator, _MARKS[0], width, [])
+    if width < _LEAST_COLUMNS:
         return best
     rows = [row for row in rows if len(row) == width]
-    for decimal in (".", ",") if separator != "," else (".",):
+    for marks in _MARKS:
+        if separator in marks or (separator is None and " " in marks):
+            continue
         numeric = [
             column
             for column in range(width)
-            if sum(number(row[column], decimal) is not None for row in rows) >= 0.8 * len(rows)
+            if sum(number(row[column], *marks) is not None for row in rows) >= 0.8 * len(rows)
         ]
-        score = len(numeric) * often / len(sample)
-        if len(numeric) >= 2 and score > best[0]:
-            best = (score, separator, decimal, width, numeric)
+        # Blanks may also be marks of thousands, and then make more columns.
+        score = len(numeric) * (often / len(sample)) ** 2 * (0.6 if separator is None else 1.0)
+        better = score > best[0] or (score == best[0] and marks == (".", ",") and _are_groups(rows, numeric))
+        if len(numeric) >= 2 and better:
+            best = (score, separator, marks, width, numeric)
     return best
 
 
+def _are_groups(rows, numeric):
+    """Whether commas stand for thousands rather than decimals: in a column with them, smaller numbers have none."""
+    for column in numeric:
+        texts = [row[column].lstrip("+-") for row in rows]
+        marked = [text for text in texts if "," in text]
+        small = [text for text in texts if text and "," not in text]
+        if marked and small and all(re.fullmatch(r"[1-9]\d{0,2}(,\d{3})+", text) for text in marked):
+            return all(len(text) <= 3 for text in small)
+    return False
+
+
 def _fields(line, separator):
-    parts = line.split() if separator is None else line.split(separator)
-    return [part.strip().strip('"').strip() for part in parts]
+    return fields_of(" ".join(line.split()) if separator is None else line, separator)
 
 
-def _is_data(row, numeric, decimal):
-    return all(number(row[column], decimal) is not None for column in numeric) and any(row[c] for c in numeric)
+def _is_data(row, numeric, marks):
+    """Whether a row holds numbers where others do; some may not have been measured."""
+    return sum(bool(row[column]) and number(row[column], *marks) is not None for column in numeric) * 2 >= len(numeric)
 
 
 def _names_in(comments, width):

@@ -18,11 +18,12 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.site import Site
-from modlhmp.storage import DataError, read_parquet
+from modlhmp.storage import DataError, column, read_parquet
 from modlhmp.tracks import Tracks, clock_hours
 
 DAY = "day.parquet"  # what a map by hours has for the whole day, in its folder
 MAX_LATTICE = 1 << 22  # nodes of a map's bounding box: 2 km x 2 km at 1 m
+EDGE_M = 5.0  # how far beyond a map's places a walker is still near it
 Sampled = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # speed, heading, log fitness, found; [n] each
 
 
@@ -134,3 +135,28 @@ def check_lattice(number: int, shape: Sequence[int] | np.ndarray) -> None:
             f"a map of {number} locations spans {shape[0]} x {shape[1]} of them: some recorded positions are far away; "
             "look for them in the clean tracks, and at the units and `scale` of the dataset file"
         )
+
+
+def box_of(tables: Iterable[pa.Table]) -> np.ndarray | None:
+    """Lowest and highest x and y [2, 2] of the places of a map's tables, [m]; None of a map without such columns."""
+    places = [np.column_stack([column(table, name).astype(float) for name in ("x", "y")])
+              for table in tables if {"x", "y"} <= set(table.column_names) and table.num_rows]  # fmt: skip
+    return np.array([np.min([p.min(0) for p in places], 0), np.max([p.max(0) for p in places], 0)]) if places else None
+
+
+def check_frame(where: str, tables: Iterable[pa.Table], x: np.ndarray, y: np.ndarray) -> float:
+    """The share of the positions x, y [n] of walkers that lie in the box of a map; `DataError` if none does."""
+    box, xy = box_of(tables), np.column_stack([x, y])
+    if box is None or not len(xy):
+        return 1.0
+    share = float(((xy >= box[0] - EDGE_M) & (xy <= box[1] + EDGE_M)).all(axis=1).mean())
+    if not share:
+        spans = [
+            " x ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(*ends, strict=True))
+            for ends in (box, (xy.min(axis=0), xy.max(axis=0)))
+        ]
+        raise DataError(
+            f"{where}: the map is of {spans[0]} m, and all walkers are in {spans[1]} m: another frame? Move it by "
+            "`origin_m`, the origin of the walkers' frame in the map's"
+        )
+    return share

@@ -63,8 +63,11 @@ def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | No
         seen = np.floor(tracks.t / step_s)
         p = np.array([len(np.unique(seen[mine])) for mine in members])[table[:, 0].astype(int)] / observed
     columns = zip(COLUMNS, (*table.T, p, np.ones(len(table))), strict=True)
+    metadata = {"resolution": str(resolution_m), "radius": str(building.radius_m)}
+    if len(table):  # how many people walk within the radius of the busiest location, on average
+        metadata["busiest"] = f"{table[:, 9].max() / observed:.6g}"
     return pa.table({name: values.astype(TYPES.get(name, float)) for name, values in columns}).replace_schema_metadata(
-        {"resolution": str(resolution_m)}
+        metadata
     )
 
 

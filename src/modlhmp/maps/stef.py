@@ -91,6 +91,11 @@ def evaluate(table: pa.Table, t: float) -> pa.Table:
     return _normalised(table, fremen.predict(t, column(table, "mean"), *parts))
 
 
+def mean_probabilities(table: pa.Table) -> pa.Table:
+    """Orientation probabilities of the whole day, from each direction's mean; as `evaluate` gives them."""
+    return _normalised(table, column(table, "mean"))
+
+
 def _normalised(table, value):
     """Values of a map's rows as probabilities of each cell's orientations."""
     orientations = int(table.schema.metadata[b"orientations"])
@@ -123,7 +128,7 @@ def load(path: str | Path | pa.Table, site: Site, options: RollOut) -> "StefMap"
 def load_whole(path: str | Path | pa.Table, site: Site, options: RollOut) -> "StefMap":
     """The map of the whole day, from the periodic functions: each direction's mean; `DataError` where it is not one."""
     table = read_map(path, "a STeF-map", ("x", "y", "orientation", "mean"), ("resolution", "orientations"))
-    return StefMap(_normalised(table, column(table, "mean")), options.sampling_radius_m)
+    return StefMap(mean_probabilities(table), options.sampling_radius_m)
 
 
 class StefMap:

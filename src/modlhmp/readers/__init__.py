@@ -26,7 +26,10 @@ def read_recording(
     `day` is the local date (ISO), without which rows of every day are kept; `start` is the local time at which a file
     without a clock begins; the rows of so many `days` from then on are kept. `DataError` where a start has no day.
     """
-    limits, origin = _day_and_origin(form.timezone, day, start, days)
+    try:
+        limits, origin = _day_and_origin(form.timezone, day, start, days)
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
     frame_rate, row_stride, scale = (cast(Any, value) for value in (form.frame_rate, form.row_stride, form.scale))
     if isinstance(path, People):
         return _read_table(path, form, limits, origin)
@@ -57,7 +60,13 @@ def _read_table(path, form, limits, origin):
     if isinstance(path, People):
         moved = {field: column if isinstance(column, str) else column + 1 for field, column in columns.items()}
         layout |= {"columns": {"track_id": FILE_COLUMN if form.header else 0, **moved}, "skip_lines": 0}
+        for key in ("only", "without"):  # the name of the file stands before the other columns
+            layout[key] = {_next(column): texts for column, texts in getattr(form, key).items()}
     return read_delimited(path, {**layout, "origin": origin}, limits, form.time_step_s)
+
+
+def _next(column):
+    return str(int(column) + 1) if column.isdecimal() else column
 
 
 def _day_and_origin(timezone: str, day: str, start: str | None, days: int) -> tuple[tuple[float, float], float]:
@@ -78,4 +87,7 @@ def _day_and_origin(timezone: str, day: str, start: str | None, days: int) -> tu
     if start is None:
         return limits, 0.0
     begins = datetime.combine(date, clock)
-    return limits, begins.timestamp() if clock.tzinfo else local_time(begins, timezone)
+    try:
+        return limits, begins.timestamp() if clock.tzinfo else local_time(begins, timezone)
+    except DataError as error:
+        raise DataError(f"start {start!r}: {error}") from None

@@ -3,10 +3,7 @@
 Two threads parse ahead of the caller. Every line is either returned as numbers or counted as dropped by name.
 """
 
-import codecs
-import csv
 import itertools
-import re
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -18,32 +15,14 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
-from modlhmp.kernels import kernel
-from modlhmp.readers.hints import hint
+from modlhmp.readers.lines import byte_kinds, plain_ids, scan
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People, line_blocks
+from modlhmp.readers.start import Form, fields_of, look_at_start, single_blanks
 from modlhmp.storage import DataError
 
 THREADS = 2
 NO_ID = -(2**63)  # in the column of ids, where a row has none
-
-
-class Form(NamedTuple):
-    """Form of a file: its columns of numbers and of text, field by field, and how its lines are written.
-
-    `numbers` and `texts` map a field to its positions among `width` columns; a text of several columns is joined by
-    slashes. `separator` None stands for any blanks. `ids` is the position of ids that may be plain numbers, -1 where
-    there is none: they are read as text only where a block has others.
-    """
-
-    numbers: dict[str, int]
-    texts: dict[str, tuple[int, ...]]
-    width: int
-    separator: str | None
-    decimal: str
-    thousands: str
-    comment: str
-    ids: int
 
 
 class Parsed(NamedTuple):
@@ -67,11 +46,11 @@ def read_columns(
     `converters` give what a text stands for, by field: None where it is not one of its kind.
     """
     blocks = line_blocks(path)
-    form, block, row = _look_at_start(path, layout, next(blocks), frozenset(converters))
+    form, block, row = look_at_start(path, layout, next(blocks), frozenset(converters))
     with ThreadPoolExecutor(THREADS) as pool:
         for future in _parsed_ahead(pool, form, itertools.chain([block], blocks)):
             parsed = future.result()
-            yield _finish(form, parsed, row, account, converters)
+            yield _finish(path, form, parsed, row, account, converters)
             row += len(parsed.ends)
 
 
@@ -87,16 +66,16 @@ def _parsed_ahead(pool, form, blocks):
 
 def parse(form: Form, block: bytes) -> Parsed:
     """Parse the regular lines of a block of whole lines; safe to run in threads."""
-    block = _with_single_blanks(block) if form.separator is None else block
+    block = single_blanks(block) if form.separator is None else block
     separator = form.separator or " "
     numbers = np.isin(np.arange(form.width), list(form.numbers.values()))
     comment = ord(form.comment[0]) if form.comment else -1
-    kinds = _byte_kinds(separator, form)
+    kinds = byte_kinds(separator, form.decimal)
     data = np.frombuffer(block, np.uint8)
-    ends, regular = _scan(data, kinds, numbers, comment)
+    ends, regular = scan(data, kinds, numbers, comment)
     if not regular.any():
         return Parsed(block, {}, ends, regular)
-    plain = form.ids >= 0 and _plain_ids(data, ends, regular, ord(separator), form.ids)
+    plain = form.ids >= 0 and plain_ids(data, ends, regular, ord(separator), form.ids)
     wanted = dict.fromkeys(form.numbers.values(), pa.float64())
     for field, positions in form.texts.items():
         kind = pa.float64() if field == "track_id" and plain and positions == (form.ids,) else pa.binary()
@@ -128,88 +107,17 @@ def _numbers(column):
     return np.from_dlpack(column.fill_null(np.nan).combine_chunks())
 
 
-def _with_single_blanks(block):
-    """Lines whose fields are separated by runs of blanks and tabs, one blank between fields and none around them."""
-    block = re.sub(rb"[ \t]+", b" ", block)
-    return re.sub(rb"(?m)^ | (?=\r?$)", b"", block)
-
-
-def _look_at_start(path, layout, block, texts):
-    """From the first row: the form of the file, the block from that row on, rows before it."""
-    if block[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        raise DataError(f"{path}: is UTF-16 text; save it as UTF-8")
-    block = block.removeprefix(codecs.BOM_UTF8)
-    before, comment = 0, layout.get("comment") or ""
-    for _ in range(layout.get("skip_lines") or 0):
-        _, _, block = block.partition(b"\n")
-        before += 1
-    first, _, rest = block.partition(b"\n")
-    while rest and (not first.strip() or (comment and first.lstrip().startswith(comment.encode()))):
-        if not comment and not layout.get("skip_lines"):
-            break  # a blank line is counted
-        block, before = rest, before + 1
-        first, _, rest = block.partition(b"\n")
-    separator, header = layout.get("separator", ","), layout.get("header")
-    form = Form({}, {}, 0, separator, layout.get("decimal") or ".", layout.get("thousands") or "", comment, -1)
-    line = _with_single_blanks(first) if separator is None else first
-    names = _fields(line.decode("utf-8", "replace"), separator)
-    row = before + 1
-    if not header and not any(_is_number(name, form) for name in names) and not _all_text(layout, texts):
-        raise DataError(
-            f"{path}, row {row}: {first.decode(errors='replace')[:80]!r} {hint(block, layout) or _NO_HEADER}"
-        )
-    if header and all(_is_number(name, form) for name in names):
-        raise DataError(
-            f"{path}, row {row}: only numbers, but `header: true` says that it names the columns; drop that key"
-        )
-    if layout.get("width") and len(names) != layout["width"]:
-        raise DataError(
-            f"{path}, row {row}: {len(names)} columns, but this format has {layout['width']}: is `reader` right?"
-        )
-    numbers, joined = {}, {}
-    for field, column in layout["columns"].items():
-        several = column if isinstance(column, list | tuple) else [column]
-        positions = tuple(_position(path, row, field, one, names, header, block, layout) for one in several)
-        if field in texts:
-            joined[field] = positions
-        else:
-            numbers[field] = positions[0]
-    ids = joined.get("track_id", ())
-    form = form._replace(numbers=numbers, texts=joined, width=len(names), ids=ids[0] if len(ids) == 1 else -1)
-    return form, rest if header else block, before + bool(header)
-
-
-_NO_HEADER = "is a header where numbers are expected; remove that line, or use `reader: delimited` with `header: true`"
-
-
-def _all_text(layout, texts):
-    """Whether no column is one of numbers."""
-    return set(layout["columns"]) <= texts
-
-
-def _position(path, row, field, column, names, header, block, layout):
-    """Position of a column that the layout gives by position or, with a header, by name."""
-    if isinstance(column, int) and column < len(names):
-        return column
-    if header and names.count(column) > 1:
-        raise DataError(f"{path}, row {row}: {names.count(column)} columns are called {column!r}; use positions")
-    if not header or column not in names:
-        known = names if header else [f"positions 0 to {len(names) - 1}"]
-        advice = hint(block, layout)
-        raise DataError(
-            f"{path}, row {row}: no column {column!r} for {field}; it has {', '.join(known)}"
-            + (f"; this {advice}" if advice else "")
-        )
-    return names.index(column)
-
-
-def _finish(form, parsed, rows_before, account, converters):
+def _finish(path, form, parsed, rows_before, account, converters):
     """Columns of a block, its irregular lines read one by one, rows in the file's order."""
     block, values, ends, regular = parsed
     account.rows_read += len(ends)
     columns, faults = {}, {}
+
+    def place(line):
+        return f"{path}, row {rows_before + 1 + int(np.flatnonzero(regular)[line])}"
+
     for field in (*form.numbers, *form.texts):
-        columns[field], faults[field] = _converted(field, values.get(field, np.empty(0)), converters)
+        columns[field], faults[field] = _converted(field, values.get(field, np.empty(0)), converters, place)
     readable, unread = regular, np.zeros(len(ends), bool)
     if not regular.all():
         readable, every = regular.copy(), {}
@@ -219,7 +127,7 @@ def _finish(form, parsed, rows_before, account, converters):
         starts = np.concatenate([[0], ends[:-1] + 1])
         for line in np.flatnonzero(~regular):
             text = block[starts[line] : ends[line]].decode("utf-8", "surrogateescape")
-            found = _one_row(form, text, rows_before + 1 + line, account, converters)
+            found = _one_row(path, form, text, rows_before + 1 + line, account, converters)
             if found is not None:
                 readable[line] = True
                 for field, value in found.items():
@@ -243,8 +151,8 @@ class _Fault(NamedTuple):
     example: str
 
 
-def _converted(field, given, converters):
-    """A field's column as numbers, and where texts are none of its kind."""
+def _converted(field, given, converters, place):
+    """A field's column as numbers, and where texts are none of its kind; `place` (a regular line) is for errors."""
     if isinstance(given, np.ndarray):
         return given.astype(np.int64) if field == "track_id" and field in converters else given, None
     import pyarrow.compute as pc  # noqa: PLC0415 - it takes a tenth of a second, and few files have texts
@@ -252,13 +160,24 @@ def _converted(field, given, converters):
     joined = given[0] if len(given) == 1 else pc.binary_join_element_wise(*given, b"/")
     coded = joined.dictionary_encode()
     texts = [one.decode("utf-8", "surrogateescape").strip() for one in coded.dictionary.to_pylist()]
-    found = [converters[field](text) for text in texts]
+    codes = coded.indices.to_numpy()
+    found = [
+        _meant(converters[field], text, lambda code=code: place(np.argmax(codes == code)))
+        for code, text in enumerate(texts)
+    ]
     kind = np.int64 if field == "track_id" else np.float64
     missing = np.array([one is None for one in found], bool)
-    codes = coded.indices.to_numpy()
     column = np.array([0 if one is None else one for one in found], kind)[codes] if texts else np.empty(0, kind)
     lines = np.flatnonzero(missing[codes]) if missing.any() else np.empty(0, np.int64)
     return column, _Fault(lines, texts[codes[lines[0]]] if lines.size else "")
+
+
+def _meant(converter, text, place):
+    """What a text stands for; where that is not known, the `DataError` says its place."""
+    try:
+        return converter(text)
+    except DataError as error:
+        raise DataError(f"{place()}: {error}") from None
 
 
 def _belonging(columns, form, account):
@@ -273,13 +192,15 @@ def _belonging(columns, form, account):
     return {**columns, "track_id": columns["track_id"].astype(np.int64)}
 
 
-def _one_row(form, text, row, account, converters):
+def _one_row(path, form, text, row, account, converters):
     """Values of one line by field, or None once it is counted as dropped."""
-    fields, example = _fields(text, form.separator), f"row {row}: {text[:80]!r}"
+    fields, example = fields_of(text, form.separator), f"row {row}: {text[:80]!r}"
     if not text.strip():
         account.drop_rows("blank_line", 1, example)
     elif form.comment and text.lstrip().startswith(form.comment):
         account.drop_rows("comment_line", 1, example)
+    elif form.header is not None and fields_of(text.removeprefix("\ufeff"), form.separator) == form.header:
+        account.drop_rows("header_again", 1, example)
     elif len(fields) != form.width:
         account.drop_rows("wrong_column_count", 1, example)
     else:
@@ -287,22 +208,12 @@ def _one_row(form, text, row, account, converters):
             field: number(fields[position], form.decimal, form.thousands) for field, position in form.numbers.items()
         }
         for field, positions in form.texts.items():
-            found[field] = converters[field]("/".join(fields[position] for position in positions).strip())
+            joined = "/".join(fields[position] for position in positions).strip()
+            found[field] = _meant(converters[field], joined, lambda: f"{path}, row {row}")
         if None not in found.values():
             return found
         account.drop_rows("text_value", 1, example)
     return None
-
-
-def _fields(line, separator):
-    """Fields of a line, quotes and blanks around them removed; a line of unbalanced quotes is one field."""
-    line = line.strip("\r\n")
-    if '"' in line:
-        try:
-            return [field.strip() for field in next(csv.reader([line], delimiter=separator or " ", strict=True))]
-        except (csv.Error, StopIteration):
-            return [line]
-    return [field.strip() for field in line.split(separator or " ")]
 
 
 def _lines(block, ends, chosen):
@@ -313,76 +224,3 @@ def _lines(block, ends, chosen):
     # One piece per run of neighbouring lines.
     edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
     return b"".join(block[starts[i] : ends[j - 1] + 1] for i, j in edges.reshape(-1, 2))
-
-
-def _is_number(text, form):
-    return number(text, form.decimal, form.thousands) is not None
-
-
-# What a byte can be to `_scan`.
-_NUMBER, _POINT, _SEPARATOR, _NEWLINE, _QUOTE, _OTHER = range(6)
-_MOST_DIGITS = 15  # of a whole number that a float holds exactly
-
-
-def _byte_kinds(separator, form):
-    kinds = np.full(256, _OTHER, np.uint8)
-    kinds[list(b"0123456789+-eE\r")] = _NUMBER
-    for byte, kind in ((form.decimal, _POINT), (separator, _SEPARATOR), ("\n", _NEWLINE), ('"', _QUOTE)):
-        kinds[ord(byte)] = kind
-    return kinds
-
-
-@kernel(nogil=True)
-def _scan(data, kinds, numbers, comment):
-    """Ends of all lines, and which are regular.
-
-    A line is regular that has the right number of columns, plain numbers in those of `numbers`, and does not
-    begin with the byte `comment`. A plain number is made of digits, signs, exponents and at most one point; whatever
-    else, and a quote anywhere since it may hide separators, is left to Python.
-    """
-    lines = 0
-    for byte in data:
-        lines += byte == 10
-    ends, regular = np.empty(lines, np.int64), np.empty(lines, np.bool_)
-    columns = len(numbers)
-    line, column, points, bad = 0, 0, 0, False
-    for i in range(len(data)):
-        kind = kinds[data[i]]
-        if kind <= _POINT:
-            points += kind
-        elif kind == _OTHER:
-            bad |= column >= columns or numbers[column] or (column == 0 and data[i] == comment)
-        elif kind == _QUOTE:
-            bad = True
-        else:
-            bad |= points > 1 and (column >= columns or numbers[column])
-            points = 0
-            column += 1
-            if kind == _NEWLINE:
-                ends[line] = i
-                regular[line] = column == columns and not bad
-                line, column, bad = line + 1, 0, False
-    return ends, regular
-
-
-@kernel(nogil=True)
-def _plain_ids(data, ends, regular, separator, position):
-    """Whether the field at a position is a plain whole number, which a float holds, in all regular lines."""
-    at = 0
-    for line in range(len(ends)):
-        if regular[line]:
-            column = 0
-            while column < position:
-                column += data[at] == separator
-                at += 1
-            at += data[at] == 45
-            first, digits = at, 0
-            while 48 <= data[at] <= 57:
-                at += 1
-            digits = at - first
-            if data[at] not in (separator, 13, 10) or not 0 < digits <= _MOST_DIGITS:
-                return False
-            if data[first] == 48 and (digits > 1 or (first > 0 and data[first - 1] == 45)):
-                return False
-        at = ends[line] + 1
-    return True

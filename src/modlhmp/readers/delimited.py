@@ -27,6 +27,7 @@ MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fau
 MAX_SPEED_MPS = 15.0
 NOBODYS = -1  # the id that trackers write where they follow nobody; others below 0 are somebody's
 MAX_HEADING_RAD = 100.0
+MOST_TEXTS = 10_000  # of a column that rows are chosen by, which are remembered for messages
 WHOLE_TURN_RAD = 8.0  # beyond it lies no angle from -pi to pi, or 0 to 2 pi, whatever it is measured from
 SPEED_MPS = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "km/h": 1 / 3.6}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -45,48 +46,79 @@ def read_delimited(
     (first, last) unix second of the recording's day; rows outside are dropped. With speed and heading columns the last
     sample of each `step_s` is kept. Returns (Tracks, Account).
     """
-    account, pieces, previous = Account(), [], -np.inf
+    account, pieces = Account(), []
     has_velocity = "speed" in layout["columns"]
     chosen = {f"{key}:{column}": (key, column) for key in ("only", "without") for column in layout.get(key) or {}}
     positions = {field: int(column) if column.isdecimal() else column for field, (_, column) in chosen.items()}
     wanted = {**layout, "columns": {**layout["columns"], **positions}}
-    for read in read_columns(path, wanted, account, _converters(layout, chosen, account)):
+    seen: dict[str, set[str]] = {field: set() for field in chosen}
+    for read in read_columns(path, wanted, account, _converters(path, layout, chosen, account, seen)):
         values = _wanted(read, chosen, layout.get("missing") or {}, account)
         rows = _to_si(values, layout)
         rows = _drop_bad_rows(path, rows, values["row"], has_velocity, day, layout, account)
-        latest = np.maximum.accumulate(np.concatenate([[previous], rows.t]))
-        account.notes["rows_out_of_time_order"] += int(np.sum(rows.t < latest[:-1]))
-        previous = latest[-1]
+        account.note_order(rows.track_id, rows.t)
         pieces.append(last_of_step(rows, step_s, account) if has_velocity else rows)
+    for field, (key, column) in chosen.items():
+        _check_texts(path, key, column, layout[key][column], seen[field])
     rows = concatenate(pieces)
     rows = last_of_step(rows, step_s, account) if has_velocity else without_repeats(rows, account)
+    if not account.rows_read and layout.get("header"):
+        raise DataError(f"{path}: names its columns, but has no row; was the export cut off?")
     if not len(rows.t):
-        seen = f" (first: {next(iter(account.first_seen.values()))})" if account.first_seen else ""
-        advice = hint(next(line_blocks(path)), layout)
-        advice = f"the file {advice}" if advice else hint_of_units(account.beyond, account.rows_read)
-        raise DataError(
-            f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}{seen}"
-            + (f"; {advice}" if advice else "")
-        )
+        raise DataError(f"{path}: {_nothing_left(path, layout, chosen, seen, account)}")
     return rows, account
 
 
-def _converters(layout, chosen, account):
+def _nothing_left(path, layout, chosen, seen, account):
+    """What is said of a file without a usable row."""
+    first = f" (first: {next(iter(account.first_seen.values()))})" if account.first_seen else ""
+    told = f"no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}{first}"
+    advice = hint(next(line_blocks(path)), layout)
+    advice = f"the file {advice}" if advice else ""
+    for field, (key, column) in chosen.items():
+        if not advice and key == "only" and account.dropped_rows[f"other_{column}"]:
+            advice = f"column {column!r} holds {', '.join(map(repr, sorted(seen[field])[:8]))}"
+    advice = advice or hint_of_units(account.beyond, account.rows_read, layout.get("origin", 0.0))
+    return told + (f"; {advice}" if advice else "")
+
+
+def _converters(path, layout, chosen, account, seen):
     """What the texts of a file stand for, by field: ids, times, and whether a row is one of those that are wanted."""
     found = {}
     if layout.get("ids") == "text":
-        owners = account.owners
-        found["track_id"] = lambda text: NO_ID if text in NOBODY else owners.number(text)
+        found["track_id"] = partial(_whose, path=path, owners=account.owners)
     if (layout.get("units") or {}).get("time") == "iso":
         found["t"] = partial(unix_time, timezone=layout.get("timezone", "UTC"))
     for field, (key, column) in chosen.items():
         texts = {str(text) for text in layout[key][column]}
-        found[field] = partial(_is_kept, texts=texts, inside=key == "only")
+        found[field] = partial(_is_kept, path=path, texts=texts, inside=key == "only", seen=seen[field])
     return found
 
 
-def _is_kept(text, texts, inside):
+def _whose(text, path, owners):
+    return NO_ID if text in NOBODY else owners.number(_utf8(path, text))
+
+
+def _is_kept(text, path, texts, inside, seen):
+    if len(seen) < MOST_TEXTS:
+        seen.add(_utf8(path, text))
     return (text in texts) == inside
+
+
+def _check_texts(path, key, column, texts, seen):
+    """Whether no text to choose rows by differs from one of the file's in nothing but case and blanks."""
+    for text in map(str, texts):
+        alike = next((one for one in seen if one.strip().casefold() == text.strip().casefold()), None)
+        if text not in seen and alike is not None:
+            raise DataError(f"{path}: {key}: {{{column}: [{text}]}}: the file writes {alike!r}; correct it")
+
+
+def _utf8(path, text):
+    """The text; `DataError` where it holds bytes of another encoding, which no output could show."""
+    if any("\udc80" <= character <= "\udcff" for character in text):
+        shown = text.encode("utf-8", "surrogateescape").decode("latin-1")
+        raise DataError(f"{path}: the text {shown!r} is not UTF-8 (Latin-1 or Windows-1252?): save it as UTF-8")
+    return text
 
 
 def _wanted(values, chosen, missing, account):

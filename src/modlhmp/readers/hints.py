@@ -7,32 +7,55 @@ from typing import Any
 
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}([., '])\d{3}(\1\d{3})*")
+_LOOKED_AT = 4096  # bytes
+_OF_BLANKS = "has columns separated by blanks: use `reader: text`"
 
 
 def hint(block: bytes, layout: Mapping[str, Any]) -> str:
     """What the first lines of a file look like, and the option to set; empty where nothing is known."""
-    lines = [line.strip() for line in block[:4096].decode("utf-8", "replace").splitlines()]
-    lines = [line for line in lines if line]
+    lines = [line for line in block[:_LOOKED_AT].decode("utf-8", "replace").splitlines() if line.strip()]
     if not lines:
         return ""
-    first, separator = lines[0], layout.get("separator", ",")
+    separator = layout.get("separator", ",")
+    told = _of_separator(lines, separator)
+    if not told and separator is not None and not layout.get("skip_lines"):
+        told = _of_preamble(block, [line.strip() for line in lines], separator)
+    return told or _of_fields(lines, layout) or _of_encoding(block)
+
+
+def _of_separator(lines, separator):
+    """What stands between columns, where it is not what was declared."""
+    first = lines[0].strip()
     if first.startswith("{"):
         return "looks like JSON lines: use `reader: trajnet`"
     if first.startswith(("#", "%")):
         return f"begins with comments: use `reader: text`, or `comment: {first[0]!r}`"
+    if separator == " " and any(line.startswith(" ") or "  " in line.rstrip() for line in lines):
+        return _OF_BLANKS
     if separator is not None and separator not in first:
         other = next((one for one in (";", "\t", ",", "|") if one in first), None)
         if other:
             return f"has columns separated by {other!r}: set `separator: {other!r}`"
         if " " in first:
-            return "has columns separated by blanks: use `reader: text`"
-    if separator is not None and not layout.get("skip_lines"):
-        widths = [line.count(separator) for line in lines]
-        begins = next((n for n, width in enumerate(widths) if width >= 2 and width == max(widths)), 0)
-        if begins:
-            before = block.decode("utf-8", "replace").splitlines()
-            number = next(n for n, line in enumerate(before) if line.strip() == lines[begins])
-            return f"has {number} lines before its table: set `skip_lines: {number}`"
+            return _OF_BLANKS
+    return ""
+
+
+def _of_preamble(block, lines, separator):
+    """How many lines stand before the table."""
+    widths = [line.count(separator) for line in lines]
+    begins = next((n for n, width in enumerate(widths) if width >= 2 and width == max(widths)), 0)
+    if not begins:
+        return ""
+    before = block.decode("utf-8", "replace").splitlines()
+    number = next(n for n, line in enumerate(before) if line.strip() == lines[begins])
+    return f"has {number} lines before its table: set `skip_lines: {number}`"
+
+
+def _of_fields(lines, layout):
+    """How times and numbers are written."""
+    separator = layout.get("separator", ",")
     fields = [field.strip(' "') for line in lines[1:4] for field in line.split(separator)]
     iso = layout.get("units", {}).get("time") == "iso"
     has_iso = any(_ISO.match(field) for field in fields)
@@ -40,21 +63,42 @@ def hint(block: bytes, layout: Mapping[str, Any]) -> str:
         return "has no times such as 2026-03-02T09:00:00 (ISO 8601: year-month-day, then the time): rewrite that column"
     if has_iso and not iso:
         return "has times such as 2026-03-02T09:00: set `units: {time: iso}`"
-    if separator != "," and layout.get("decimal", ".") != "," and any(map(_DECIMAL_COMMA.fullmatch, fields)):
+    decimal, thousands = layout.get("decimal") or ".", layout.get("thousands")
+    marked = next((found for one in fields if (found := _THOUSANDS.fullmatch(one)) and found[1] != decimal), None)
+    if marked and not thousands and separator != ",":
+        mark = marked[1]
+        also = f", or `decimal: {mark!r}` if they are decimals" if mark in ",." else ""
+        return f"has numbers such as {marked[0]}: set `thousands: {mark!r}`{also}"
+    if separator != "," and decimal != "," and any(map(_DECIMAL_COMMA.fullmatch, fields)):
         return 'has numbers such as 1,25: set `decimal: ","`'
     return ""
 
 
-def hint_of_units(beyond: Mapping[str, tuple[int, float]], rows: int) -> str:
-    """Which unit may be wrong where most of the values of a kind are `beyond` (`Account`) what any recording has."""
+def _of_encoding(block):
+    """Whether the text is in another encoding than readers take."""
+    try:
+        block[:_LOOKED_AT].rpartition(b"\n")[0].decode("utf-8")
+    except UnicodeDecodeError as error:
+        return f"is not UTF-8 text (byte {error.object[error.start]:#x}; Latin-1 or Windows-1252?): save it as UTF-8"
+    return ""
+
+
+def hint_of_units(beyond: Mapping[str, tuple[int, float]], rows: int, origin: float = 0.0) -> str:
+    """Which unit may be wrong where most of the values of a kind are `beyond` (`Account`) what any recording has.
+
+    `origin` is the unix time [s] that the file's times are counted from.
+    """
     told = []
     for what, (count, median) in beyond.items():
         if count > 0.5 * rows:
-            told.append(_UNIT_OF[what](median))
+            told.append(_time(median, origin) if what == "time" else _UNIT_OF[what](median))
     return "; ".join(told)
 
 
-def _time(seconds):
+def _time(seconds, origin):
+    if origin and _YEAR_1980_S < seconds - origin < _YEAR_2200_S:
+        when = datetime.fromtimestamp(seconds - origin, timezone.utc)
+        return f"times are of a clock already, such as {when:%Y-%m-%d %H:%M} UTC: leave out `start`"
     if seconds > _YEAR_2200_S:
         unit = next((name for name, per in (("ms", 1e3), ("us", 1e6)) if seconds / per < _YEAR_2200_S), "ns")
         return f"times such as {seconds:.0f} s are beyond the year 2200: set `units: {{time: {unit}}}`"
@@ -74,7 +118,6 @@ def _speed(mps):
 
 _YEAR_1980_S, _YEAR_2200_S = 315_532_800.0, 7_258_118_400.0
 _UNIT_OF = {
-    "time": _time,
     "speed": _speed,
     "distance": lambda metres: (
         f"positions are {metres / 1000:.3g} km from the origin in the middle: correct "

@@ -1,22 +1,34 @@
 """TrajNet++'s JSON lines: scenes and the positions of people in them.
 
 P. Kothari, S. Kreiss, A. Alahi, Human Trajectory Forecasting in Crowds: A Deep Learning Perspective, IEEE T-ITS 2021.
-Frames are the source's own, a few of them apart; the scenes say how many rows there are per second.
+Frames are the source's own, a few of them apart; the scenes say how many rows there are per second. A scene asks for
+one forecast, of its primary pedestrian from its first to its last frame; everyone else there is a neighbour.
 """
 
 import json
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from modlhmp.account import Account
+from modlhmp.ids import NOBODY
 from modlhmp.readers.delimited import MAX_DISTANCE_M
 from modlhmp.readers.raw import line_blocks
+from modlhmp.scenes import Scenes
 from modlhmp.storage import DataError
 from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
 
-FIELDS = ("p", "f", "x", "y")
+
+class _Scene(NamedTuple):
+    """A scene as the file has it: its primary's track id, its first and last frame."""
+
+    track_id: int
+    first: float
+    last: float
+    fps: float | None
+    name: str
 
 
 def read(
@@ -25,35 +37,62 @@ def read(
     """Read a file into rows sorted by track and time; returns (Tracks, Account), headings unknown.
 
     `frame_rate` is of frames; without it, it is the scenes' `fps` times the usual number of frames between two rows of
-    a person. `origin` is the unix time of frame 0, `day` as in `read_delimited`. Lines that are neither a track nor a
-    scene are dropped as `other_object`, predictions as `prediction`.
+    their primary, the same for all. `origin` is the unix time of frame 0, `day` as in `read_delimited`. Lines that are
+    neither a track nor a scene are dropped as `other_object`, predictions as `prediction`, scenes without primary or
+    frames as `bad_scene`. The others are the account's `scenes`, where the file has any; rows outside them are kept.
     """
     rows: list[tuple[int, float, float, float]] = []
-    rates: set[float] = set()
+    scenes: list[_Scene] = []
     account, number = Account(), 0
     for block in line_blocks(path):
         for line in block.removesuffix(b"\n").split(b"\n"):
             number += 1
-            _one_line(line, number, rows, rates, account)
+            _one_line(line, number, rows, scenes, account)
     if not rows:
         raise DataError(f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
     person, frame, x, y = (np.array(part) for part in zip(*rows, strict=True))
-    order = np.lexsort((frame, person))
-    steps = np.diff(frame[order])[np.diff(person[order]) == 0]
     if frame_rate is None:
-        if len(rates) != 1:
-            raise DataError(
-                f"{path}: its scenes have {len(rates)} different `fps`; say the `frame_rate` of the frames instead"
-            )
-        values, counts = np.unique(steps[steps > 0], return_counts=True)
-        if not len(values):
-            raise DataError(f"{path}: nobody has two rows, so the step between frames is unknown; give `frame_rate`")
-        frame_rate = rates.pop() * float(values[counts.argmax()])
-    return positions_alone(person, origin + frame / frame_rate, x, y, day, account), account
+        frame_rate = _frame_rate(path, scenes, person, frame)
+    if scenes:
+        whose, first, last, *_ = zip(*scenes, strict=True)
+        begin, end = (origin + np.array(at) / frame_rate for at in (first, last))
+        account.scenes = Scenes(np.array(whose, np.int64), begin, end)
+        account.notes["scenes"] = len(scenes)
+    t = origin + frame / frame_rate
+    account.note_order(person, t)
+    return positions_alone(person, t, x, y, day, account), account
 
 
-def _one_line(line, number, rows, rates, account):
-    """One line into `rows` or `rates`, or counted as dropped."""
+def _frame_rate(path, scenes, person, frame):
+    """Frames per second, by scenes whose primary has two rows; `DataError` where they do not agree, or none says it."""
+    order = np.lexsort((frame, person))
+    person, frame = person[order], frame[order]
+    found: dict[float, str] = {}
+    for one in scenes:
+        begin, end = (np.searchsorted(person, one.track_id, side) for side in ("left", "right"))
+        inside = frame[begin:end]
+        steps = np.diff(np.unique(inside[(inside >= one.first) & (inside <= one.last)]))
+        if one.fps is not None and len(steps):
+            values, counts = np.unique(steps, return_counts=True)
+            step = float(values[counts.argmax()])
+            told = f"{one.name} says {one.fps:g} `fps` and has a row every {step:g} frames"
+            found.setdefault(round(one.fps * step, 6), told)
+    if not found:
+        raise DataError(
+            f"{path}: none of its {len(scenes)} scenes has an `fps` and two rows of its primary, so the time between "
+            "frames is unknown: say the `frame_rate` of the frames"
+        )
+    if len(found) > 1:
+        (rate, told), (other, also), *_ = found.items()
+        raise DataError(
+            f"{path}: its scenes differ in frames per second: {told} ({rate:g} per second), {also} ({other:g}): put "
+            "the scenes and tracks of each rate in a file of their own, or say the `frame_rate` of all frames"
+        )
+    return next(iter(found))
+
+
+def _one_line(line, number, rows, scenes, account):
+    """One line into `rows` or `scenes`, or counted as dropped."""
     example = f"row {number}: {line[:80].decode(errors='replace')!r}"
     try:
         found = json.loads(line)
@@ -63,19 +102,48 @@ def _one_line(line, number, rows, rates, account):
         account.drop_rows("text_value" if line.strip() else "blank_line", 1, example)
         return
     if isinstance(scene, dict):
-        if isinstance(scene.get("fps"), int | float) and scene["fps"] > 0:
-            rates.add(float(scene["fps"]))
+        one = _scene(scene, number, account.owners)
+        if one is None:
+            account.rows_read += 1
+            account.drop_rows("bad_scene", 1, example)
+        else:
+            scenes.append(one)
         return
     account.rows_read += 1
     if not isinstance(track, dict):
         account.drop_rows("other_object", 1, example)
-    elif "prediction_number" in track:
+        return
+    frame, x, y = values = [_number(track.get(name)) for name in ("f", "x", "y")]
+    if "prediction_number" in track:
         account.drop_rows("prediction", 1, example)
-    elif not all(isinstance(track.get(name), int | float) for name in FIELDS[1:]) or "p" not in track:
+    elif None in values or "p" not in track:
         account.drop_rows("text_value", 1, example)
-    elif not np.isfinite([float(track[name]) for name in FIELDS[1:]]).all():
+    elif str(track["p"]) in NOBODY:
+        account.drop_rows("no_track_id", 1, example)
+    elif not np.isfinite(values).all():
         account.drop_rows("nan_value", 1, example)
-    elif np.hypot(track["x"], track["y"]) > MAX_DISTANCE_M:
+    elif np.hypot(x, y) > MAX_DISTANCE_M:
         account.drop_rows("absurd_value", 1, example)
     else:
-        rows.append((account.owners.number(str(track["p"])), float(track["f"]), float(track["x"]), float(track["y"])))
+        rows.append((account.owners.number(str(track["p"])), frame, x, y))
+
+
+def _scene(scene, number, owners):
+    """A scene's primary, frames and rows per second; None where it has none."""
+    first, last, fps = (_number(scene.get(name)) for name in ("s", "e", "fps"))
+    whose = str(scene.get("p"))
+    if whose in NOBODY or first is None or last is None or not -np.inf < first < last < np.inf:
+        return None
+    if scene.get("fps") is not None and not (fps is not None and 0 < fps < np.inf):
+        return None
+    return _Scene(owners.number(whose), first, last, fps, f"scene {scene.get('id', '')} (row {number})")
+
+
+def _number(value):
+    """A number of JSON as a float; None for anything else."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return float(value)
+    except OverflowError:
+        return np.inf

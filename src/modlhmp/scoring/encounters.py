@@ -11,6 +11,7 @@ import numpy as np
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.windows import in_order, windows
 from modlhmp.kernels import kernel
+from modlhmp.scenes import Scenes
 from modlhmp.scoring.errors import truth_of
 from modlhmp.scoring.protocols import score
 from modlhmp.site import Site
@@ -24,6 +25,7 @@ def encounters(
     forecasts: Iterable[tuple[int, np.ndarray, Forecast]],
     everyone: Tracks,
     site: Site,
+    scenes: Scenes | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Whether each forecast of a recording has touched somebody by each step, complete protocol.
 
@@ -31,7 +33,7 @@ def encounters(
     ids of their own (`tracks.together`). Returns ([seeds, n, T] shares of the method's result, [n, T] whether the
     person's own path has, steps of truth [n]); NaN beyond the truth.
     """
-    wanted = windows(tracks, site)
+    wanted = windows(tracks, site, scenes)
     truth, length = truth_of(tracks, wanted, site)
     t0, own = wanted.t0, everyone.track_id[wanted.row]
     order = np.argsort(everyone.t, kind="stable")

@@ -21,18 +21,19 @@ def ground_truth(
     `rows` [n, 2] are the first observed and the last row of each track. Positions beyond a track's end are NaN; the
     number of steps is floor((t_last - t0) / step + 0.05), so clock jitter does not cost the last one.
     """
-    return _after(tracks, rows, np.arange(len(rows)), rows[:, 0] + observed_rows - 1, steps, step_s)
+    until = tracks.t[rows[:, 1]]
+    return _after(tracks, rows, np.arange(len(rows)), rows[:, 0] + observed_rows - 1, until, steps, step_s)
 
 
 def truth_of(tracks: Tracks, wanted: Windows, site: Site) -> tuple[np.ndarray, np.ndarray]:
     """The `ground_truth` of a recording's forecasts."""
-    return _after(tracks, wanted.tracks, wanted.of, wanted.row, site.steps, site.time_step_s)
+    return _after(tracks, wanted.tracks, wanted.of, wanted.row, wanted.until, site.steps, site.time_step_s)
 
 
-def _after(tracks, rows, of, at_t0, steps, step_s):
+def _after(tracks, rows, of, at_t0, until, steps, step_s):
     """Truth after the rows `at_t0` [n] of the tracks `of` [n], whose first and last rows are `rows` [m, 2]."""
-    t0, first, last = tracks.t[at_t0], rows[of, 0], rows[of, 1]
-    length = np.floor((tracks.t[last] - t0) / step_s + LATE_STEPS).astype(np.int64)
+    t0, first = tracks.t[at_t0], rows[of, 0]
+    length = np.floor((until - t0) / step_s + LATE_STEPS).astype(np.int64)
     wanted = np.arange(1, steps + 1)
     xy = positions_at(tracks, rows, (t0 - tracks.t[first])[:, None] + wanted * step_s, of)
     xy[wanted > length[:, None]] = np.nan

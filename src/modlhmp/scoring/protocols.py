@@ -15,6 +15,7 @@ from modlhmp.forecasting.ranking import longest_lived, most_likely
 from modlhmp.scoring.errors import displacement_errors
 
 PROTOCOLS = ("paper", "complete")
+CHOSEN = {"ranked", "single", "median", "medoid", "modes", "likeliest", "mean_path"}  # one of the futures is the result
 
 
 def score(
@@ -47,7 +48,7 @@ def score(
     scores = {}
     for protocol in PROTOCOLS:
         outside = horizon > eligible_steps[protocol][:, None]
-        if forecast.output in {"ranked", "single", "median", "medoid", "modes"}:
+        if forecast.output in CHOSEN:
             best = most_likely(forecast.log_fitness, chosen_by[protocol])
             scores[forecast.output, protocol] = {m: _pick(one, best, outside) for m, one in values.items()}
         if forecast.output in {"ranked", "mean"}:

@@ -8,6 +8,7 @@ import pyarrow as pa
 from modlhmp.floor_plan import FloorPlan, occupied_depth
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.windows import in_order, windows
+from modlhmp.scenes import Scenes
 from modlhmp.scoring.errors import enters_occupied, left_out, truth_of
 from modlhmp.scoring.protocols import score
 from modlhmp.site import Site
@@ -20,23 +21,24 @@ def score_recording(
     recording: str,
     site: Site,
     floor_plan: FloorPlan | None = None,
+    scenes: Scenes | None = None,
 ) -> pa.Table:
     """Score one method's forecasts of one recording; returns a table, one row per track, seed, output and protocol.
 
     `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other; with the site's
-    `forecast_every_s` each forecast of a track is a row of its own, with its `t0` (unix s), and all of an idle track's
-    are idle. `ade` and `fde` [m] are lists over horizons, NaN where not scored; `eligible_steps` says to which step the
-    track counts, `scored_steps` to how many it was scored, and `why_not` the reason where the two differ; `alive_steps`
-    is how long the longest-lived future stayed on the map, 0 where the method could not forecast the track at all. With
-    a `FloorPlan` there are also `infeasible`, lists of whether the forecast has been inside a wall
-    (`errors.enters_occupied`), and `truth_infeasible_from`, the first step at which the person's own path has (0:
-    never). Empty if the recording has no usable track.
+    `forecast_every_s`, or the recording's `scenes`, each forecast of a track is a row of its own, with its `t0` (unix
+    s), and all of an idle track's are idle. `ade` and `fde` [m] are lists over horizons, NaN where not scored;
+    `eligible_steps` says to which step the track counts, `scored_steps` to how many it was scored, and `why_not` the
+    reason where the two differ; `alive_steps` is how long the longest-lived future stayed on the map, 0 where the
+    method could not forecast the track at all. With a `FloorPlan` there are also `infeasible`, lists of whether the
+    forecast has been inside a wall (`errors.enters_occupied`), and `truth_infeasible_from`, the first step at which the
+    person's own path has (0: never). Empty if the recording has no usable track.
     """
-    steps, wanted = site.steps, windows(tracks, site)
+    steps, wanted = site.steps, windows(tracks, site, scenes)
     truth, length = truth_of(tracks, wanted, site)
     idle = left_out(tracks, wanted.tracks, site)[wanted.of]
     eligible = {"paper": np.where(idle, 0, length), "complete": length}
-    by_track = {"track_id": wanted.track_id, **({} if site.forecast_every_s is None else {"t0": wanted.t0})}
+    by_track = {"track_id": wanted.track_id, **({"t0": wanted.t0} if wanted.several else {})}
     by_track["hour"] = clock_hours(wanted.t0, site.timezone).astype(np.int8)
     if floor_plan is not None:
         depth, start = occupied_depth(floor_plan), np.column_stack([tracks.x[wanted.row], tracks.y[wanted.row]])

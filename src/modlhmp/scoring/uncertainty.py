@@ -15,6 +15,7 @@ from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.ranking import longest_lived, most_likely
 from modlhmp.forecasting.windows import in_order, windows
 from modlhmp.kernels import kernel
+from modlhmp.scenes import Scenes
 from modlhmp.scoring.errors import displacement_errors, nan_mean, truth_of
 from modlhmp.site import Site
 from modlhmp.tracks import Tracks
@@ -37,25 +38,27 @@ def score_samples(
     site: Site,
     k: int,
     horizons_s: Sequence[float],
+    scenes: Scenes | None = None,
 ) -> pa.Table:
     """The `MEASURES` of one method's forecasts of one recording; a table, one row per track and seed.
 
-    `forecasts` yields (seed, track_ids, `Forecast`) of all tracks, a few after the other, and `k` is the method's own
-    number of futures, of which there may be more. Each measure is a list over `horizons_s`, NaN where the track is
-    shorter: `energy_m` the energy score [m], `kde_nll` what the function says [nat], `best_ade_m` and `best_fde_m` the
-    best of the first five samples [m], `missed` (0 or 1) whether that FDE is over 2 m, those of `OF_MODES` what
-    `mode_errors` says, NaN for a method of another output, `expected_m` and `real_m` the distance of the method's own
-    output from its samples and from the truth [m]; `samples` how many the distribution has. `left` is the probability
-    that the person has left by then, `has_left` (0 or 1) whether they had; these two are known for every track.
+    `forecasts` yields (seed, track_ids, `Forecast`) of all tracks (or of the `scenes`), in blocks, and `k` is the
+    method's own number of futures, of which there may be more. Each measure is a list over `horizons_s`, NaN where the
+    track is shorter: `energy_m` the energy score [m], `kde_nll` what the function says [nat], `best_ade_m` and
+    `best_fde_m` the best of the first five samples [m], `missed` (0 or 1) whether that FDE is over 2 m, those of
+    `OF_MODES` what `mode_errors` says, NaN for a method of another output, `expected_m` and `real_m` the distance of
+    the method's own output from its samples and from the truth [m]; `samples` how many the distribution has. `left` is
+    the probability that the person has left by then, `has_left` (0 or 1) whether they had; these two are known for
+    every track.
     """
-    wanted, tables = windows(tracks, site), []
+    wanted, tables = windows(tracks, site, scenes), []
     steps = np.rint(np.asarray(horizons_s) / site.time_step_s).astype(int)
     truth, length = truth_of(tracks, wanted, site)
     for seed, mine, forecast in in_order(forecasts, wanted, recording):
         n = len(mine)
         values = measures(forecast, truth[mine], length[mine], k, steps)
         of = {"recording": pa.array(np.full(n, recording)).dictionary_encode(), "track_id": wanted.track_id[mine]}
-        if site.forecast_every_s is not None:
+        if wanted.several:
             of["t0"] = wanted.t0[mine]
         lists = {
             name: pa.FixedSizeListArray.from_arrays(pa.array(one.ravel()), len(steps)) for name, one in values.items()

@@ -13,7 +13,8 @@ from modlhmp.kinds import find
 from modlhmp.scoring.errors import seed_mean
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.ttests import groups_test, paired_test
-from modlhmp.study.comparisons import main_errors, persons, side_by_side
+from modlhmp.study import lacks
+from modlhmp.study.comparisons import main_errors, side_by_side, tracks_of
 from modlhmp.study.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
 
 NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"
@@ -21,7 +22,7 @@ NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number
 
 def _tc_cliff(one, titles, _kinds):
     if one.dataset.clock == "estimated":
-        yield _row("", "needs recordings with a clock: hours here are estimates", "", verdict="not tested")
+        yield _row("", str(lacks.ESTIMATED_CLOCK), "", verdict="not tested")
         return
     yield from _better(one, titles, "tc_cliff", "cliff", [one.dataset.horizon_s])
     if {"tc_cliff", "cliff"} <= one.errors.keys():
@@ -36,7 +37,7 @@ def _tc_cliff(one, titles, _kinds):
 def _stef(one, titles, _kinds):
     longer = [h for h in one.horizons if h > 30]
     if not longer:
-        yield _row("", "needs a horizon over 30 s", "", verdict="not tested")
+        yield _row("", str(lacks.NEEDS_LONGER), "", verdict="not tested")
         return
     for method in ("tc_cliff", "cliff"):
         yield from _better(one, titles, method, "stef", longer)
@@ -78,7 +79,7 @@ def _idling(one, titles, kinds):
         if "tc_cliff" in one.errors:
             for protocol in PROTOCOLS:
                 both, column = _pair(one, learned, "tc_cliff", protocol, "fde"), one.horizons.index(longest)
-                gain, idle = (both.ours - both.theirs)[:, :, column], np.isin(persons(both.keys), list(one.idle))
+                gain, idle = (both.ours - both.theirs)[:, :, column], np.isin(tracks_of(both.keys), list(one.idle))
                 text = f"FDE {titles[learned]} - {titles['tc_cliff']}, {longest:g} s: those who idle < the others"
                 yield _groups(protocol, text, gain, idle, both.cluster)
     yield from _if_none(one, kinds)
@@ -115,7 +116,7 @@ def _radius(one, _titles, _kinds):
 
 def _walls(one, titles, kinds):
     if not one.dataset.floor_plan:
-        yield _row("", "needs a floor plan", "", verdict="not tested")
+        yield _row("", str(lacks.NEEDS_PLAN), "", verdict="not tested")
         return
     longest = one.dataset.horizon_s
     for ours in (method for method in ("tc_cliff", "cliff", "stef") if method in one.errors):
@@ -130,7 +131,7 @@ def _walls(one, titles, kinds):
 def _length(one, _titles, _kinds):
     claimed = PERCENTILE_S.get(one.dataset.label)
     if claimed is None or len(one.lengths) < 2:
-        yield _row("", "needs test tracks and the paper's number", "", verdict="not tested")
+        yield _row("", str(lacks.NEEDS_NUMBER), "", verdict="not tested")
         return
     test = stats.quantile_test(one.lengths, q=claimed, p=0.9)
     low, high = test.confidence_interval(0.95)
@@ -255,7 +256,7 @@ def _groups(protocol, text, values, first, cluster):
     scored = np.isfinite(values).any(axis=0)
     sizes = [int((scored & group).sum()) for group in (first, ~first)]
     if min(sizes) < 2:
-        return _row(protocol, text, f"{sizes[0]} and {sizes[1]} tracks", "too few tracks")
+        return _row(protocol, text, f"{sizes[0]} and {sizes[1]} tracks", str(lacks.TOO_FEW))
     test = groups_test(values, first, ~first, cluster)
     means = [float(seed_mean(values[:, group])) for group in (first, ~first)]
     measured = f"{means[0]:.3f} (n {sizes[0]}) against {means[1]:.3f} (n {sizes[1]})"
@@ -275,7 +276,7 @@ def _numbers(n, clusters, mean, low, high, p):
 
 def _untested(p, n):
     """What is said instead of a verdict where there is no p."""
-    return "" if np.isfinite(p) else ("no difference" if n > 1 else "too few tracks")
+    return "" if np.isfinite(p) else ("no difference" if n > 1 else str(lacks.TOO_FEW))
 
 
 def _row(protocol, text, measured, verdict=""):

@@ -38,18 +38,18 @@ def main_errors(errors: ErrorsByOutput, protocol: str) -> Errors:
     return errors[main_output({output for output, _ in errors}), protocol]
 
 
-def clusters(keys: Sequence[str] | np.ndarray, days: Mapping[str, str]) -> np.ndarray:
-    """What tests and intervals are over: the days of tracks "recording/track" where there are enough, else persons.
+def clusters(person: Sequence[str] | np.ndarray, days: Mapping[str, str]) -> np.ndarray:
+    """What tests and intervals are over: the days of persons "recording/person" where there are enough, else these.
 
     `days` maps a recording to its day: people of one day share it, so days are what another sample would differ by.
     """
     if len(set(days.values())) < LEAST_DAYS:
-        return persons(keys)
-    return np.array([days[key.rsplit("/", 1)[0]] for key in keys])
+        return np.asarray(person)
+    return np.array([days[one.rsplit("/", 1)[0]] for one in person])
 
 
-def persons(keys: Sequence[str] | np.ndarray) -> np.ndarray:
-    """Whose forecasts those of these keys (`summary.Errors`) are: "recording/track" [tracks]."""
+def tracks_of(keys: Sequence[str] | np.ndarray) -> np.ndarray:
+    """Of which track the forecasts of these keys (`summary.Errors`) are: "recording/track" [tracks]."""
     parts = [key.rpartition("/") for key in np.asarray(keys).tolist()]
     return np.array([f"{recording}/{track.partition('@')[0]}" for recording, _, track in parts], dtype=str)
 
@@ -60,7 +60,8 @@ def side_by_side(one: Errors, other: Errors, metric: str, days: Mapping[str, str
     ours, theirs = np.broadcast_arrays(getattr(one, metric)[:, at_one], getattr(other, metric)[:, at_other])
     both = np.isfinite(ours) & np.isfinite(theirs)
     ours, theirs = np.where(both, ours, np.nan), np.where(both, theirs, np.nan)
-    return Pair(keys, ours, theirs, clusters(keys, days), one.unknown[at_one] | other.unknown[at_other])
+    cluster, unknown = clusters(one.person[at_one], days), one.unknown[at_one] | other.unknown[at_other]
+    return Pair(keys, ours, theirs, cluster, unknown)
 
 
 def compare(

@@ -8,11 +8,17 @@ from typing import Any
 
 from modlhmp import kinds, options
 from modlhmp.datasets import Dataset, folds, load_dataset, validation_part
+from modlhmp.exchange.forms import FORMS
+from modlhmp.exchange.hand_in import hand_in_files, read_sheet
+from modlhmp.exchange.maps import kind_in, map_files
+from modlhmp.exchange.parquet import PARQUET
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import check, unknown
 from modlhmp.storage import DataError
+from modlhmp.study import lacks
 from modlhmp.study.settings import RunSettings
 
+FORMS_OF_TABLES = [form.name for form in FORMS if form.read is not None]  # a histogram needs more to be said
 MOST_NAME_BYTES = 200  # of a recording: file systems allow 255, and results have suffixes
 _UNFIT = re.compile(r"[{}<>\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # wildcards, ends of lines, undecodable bytes
 
@@ -26,7 +32,7 @@ def load_run(config: Mapping[str, Any], datasets_folder: str | Path) -> RunSetti
     lists: dict[str, tuple[Any, ...]] = {
         "datasets": run.datasets, "compare": run.compare, "seeds": run.seeds, "studies.beta": studies.beta,
         "studies.sampling_radius_m": studies.sampling_radius_m, "studies.training.shares": studies.training.shares,
-        "uncertainty.methods": run.uncertainty.methods,
+        "uncertainty.methods": run.uncertainty.methods, "studies.occupied.methods": studies.occupied.methods,
     }  # fmt: skip
     for key, values in lists.items():
         if len(set(values)) < len(values):
@@ -48,9 +54,7 @@ def _check_entries(run: RunSettings) -> None:
     for name, entry in run.entries.items():
         if not re.fullmatch("[A-Za-z0-9_-]+", name):
             raise DataError(f"configuration, methods: {name!r}: a name of letters, digits, _ and - only")
-        known = [
-            kind.name for kind in kinds.all_kinds().values() if kind.forecasts is not None or kind.name == "average"
-        ]
+        known = [kind.name for kind in kinds.all_kinds().values() if kind.is_method]
         if not entry.kind:
             raise DataError(f"configuration, methods.{name}: say of which `kind` it is: {', '.join(known)}")
         if entry.kind not in known:
@@ -69,7 +73,18 @@ def _check_entries(run: RunSettings) -> None:
         if entry.kind == "average" and len(run.members(name)) < 2:
             raise DataError(f"configuration, methods.{name}.options.of: name at least two methods to be averaged")
         run.averaged_parts(name)
-        run.method(name)
+        if entry.file and not run.kind(name).has_map:
+            raise DataError(f"configuration, methods.{name}.file: kind {entry.kind} has no map; leave it out")
+        if entry.form and not entry.file:
+            raise DataError(f"configuration, methods.{name}.form: there is no `file` whose form it could be")
+        if entry.form not in {"", PARQUET, *FORMS_OF_TABLES}:
+            raise DataError(unknown(f"configuration, methods.{name}.form", "form", entry.form, FORMS_OF_TABLES))
+        outside, folder = kinds.find(entry.kind).outside, f"configuration, methods.{name}.folder"
+        if entry.folder and not outside:
+            raise DataError(f"{folder}: {entry.folder!r}: a method of kind {entry.kind} has none; leave it out")
+        method = run.method(name)
+        if outside and not method.options.folder:
+            raise DataError(f"{folder}: name the folder of the forecasts")
 
 
 def _check_sections(run: RunSettings) -> None:
@@ -93,6 +108,7 @@ def _check_names(run: RunSettings) -> None:
         "compare": run.compare,
         "studies.method": [run.studies.method],
         "studies.training.methods": run.studies.training.methods,
+        "studies.occupied.methods": run.studies.occupied.methods,
         "uncertainty.methods": run.uncertainty.methods,
         "comparisons": [name for pair in run.comparisons for name in pair],
         "ladder.reference": [run.ladder.reference],
@@ -107,10 +123,27 @@ def _check_names(run: RunSettings) -> None:
         if not run.kind(name).from_share:
             able = [kind.name for kind in kinds.all_kinds().values() if kind.from_share and kind.forecasts]
             raise DataError(f"configuration, studies.training: {name} is of none of the kinds {', '.join(able)}")
+        if run.published(name):
+            raise DataError(
+                f"configuration, studies.training: the map of {name} is a file, so it cannot be built from less data"
+            )
     if not run.kind(run.studies.method).sampled:
         raise DataError(
             f"configuration, studies.method: {run.studies.method} has no map to sample, so neither beta nor r_s"
         )
+    for name, _ in run.ladder.rows:
+        if outside := [part for part in run.averaged_parts(name) if run.kind(part).outside]:
+            raise DataError(
+                f"configuration, ladder.rows: {name}: the forecasts of {outside[0]} are not made here, so a rung of it "
+                "has no cost; name it in `compare` instead"
+            )
+    for name in run.studies.occupied.methods:
+        if not (run.kind(name).has_map and run.kind(name).has_samples):
+            able = [kind.name for kind in kinds.all_kinds().values() if kind.has_map and kind.has_samples]
+            raise DataError(
+                f"configuration, studies.occupied.methods: {name} has no map with samples; methods that have one are "
+                f"of the kinds {', '.join(able)}"
+            )
     for name in run.uncertainty.methods:
         if not run.kind(name).has_samples:
             able = [kind.name for kind in kinds.all_kinds().values() if kind.has_samples]
@@ -140,18 +173,38 @@ def load_datasets(
         hourly = [name for name in run.methods_run if run.kind(name).hourly]
         if dataset.clock == "unknown" and hourly:
             raise DataError(
-                f"{Path(folder) / dataset.name}.yaml: its `clock` is unknown, so there are no maps by hours: leave "
+                f"{Path(folder) / dataset.name}.yaml: {lacks.NO_CLOCK}: leave "
                 f"{', '.join(hourly)} out of `compare` and the ladder"
             )
         _check_paths(dataset, Path(folder) / f"{dataset.name}.yaml")
         _check_horizons(run, dataset)
+    _check_files(run, data_root)
     if run.strict:
         found = {name: dataclasses.replace(dataset, strict=True) for name, dataset in found.items()}
     if run.evaluate_on == "validation":
-        return {name: validation_part(dataset) for name, dataset in found.items()}
+        found = {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":
-        return {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
+        found = {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
+    for method in (name for name in run.methods_run if run.kind(name).outside):
+        for name in found:
+            read_sheet(hand_in_files(run.method(method).options.folder, name)[1])
     return found
+
+
+def _check_files(run: RunSettings, data_root: str | Path) -> None:
+    """Whether the map files of the methods that a run needs are there, and of a form that carries their kinds."""
+    for name in dict.fromkeys(map(run.published, [*run.methods_run, run.studies.method])):
+        if not name:
+            continue
+        where, entry = f"configuration, methods.{name}.file", run.entries[name]
+        try:
+            kind = kind_in(path := Path(data_root) / entry.file, entry.form or None)
+        except DataError as error:
+            raise DataError(f"{where}: {error} (`data_root` is {data_root})") from None
+        if kind != entry.kind:
+            raise DataError(f"{where}: {path} holds a map of kind {kind}, but the method is of kind {entry.kind}")
+        for file in map_files(path):
+            _check_path(where, str(file))
 
 
 def _check_horizons(run: RunSettings, dataset: Dataset) -> None:
@@ -182,14 +235,19 @@ def _check_tuned(run: RunSettings, dataset: Dataset, file: Path) -> None:
             raise DataError(f"{source}: {error}") from None
 
 
+def _check_path(where: str, path: str) -> None:
+    """Whether Snakemake can take a path."""
+    if unfit := _UNFIT.search(path):
+        raise DataError(
+            f"{where}: {path!r}: Snakemake cannot take the character {unfit[0]!r} in a path; rename the file or "
+            "folder, or link to it under another name"
+        )
+
+
 def _check_paths(dataset: Dataset, file: Path) -> None:
     """Whether Snakemake can take the paths of recordings, and ours their names."""
     for path in (*(one.stored for one in dataset.recordings), *dataset.floor_plan):
-        if unfit := _UNFIT.search(path):
-            raise DataError(
-                f"{file}: {path!r}: Snakemake cannot take the character {unfit[0]!r} in a path; rename the file or "
-                "folder, or link to it under another name"
-            )
+        _check_path(str(file), path)
     for one in dataset.recordings:
         if len(one.name.encode()) > MOST_NAME_BYTES:
             raise DataError(

@@ -10,15 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from modlhmp import datasets, file_format, kinds, options, site
+from modlhmp.exchange.forms import FORMS
+from modlhmp.maps.columns import METADATA, TABLES
 from modlhmp.plausibility import CHECKS
 from modlhmp.settings import fields_of, json_schema
 from modlhmp.storage import write_text
-from modlhmp.study import settings
+from modlhmp.study import lacks, settings
 from modlhmp.study.exhibits import EXHIBITS
 
 ROOT = Path(__file__).parents[3]
 SCHEMAS = Path(__file__).parents[1] / "schemas"
-READMES = (ROOT / "README.md", ROOT / "config/README.md", ROOT / "paper_figures/README.md")
+READMES = tuple(ROOT / name for name in ("README.md", "config/README.md", "docs/maps.md", "paper_figures/README.md"))
 # What the paper calls it, our file, and the text by which its line is found there.
 PLACES = (
     ("Sec. III-A, observed velocity", "forecasting/observe.py", "def current_velocity"),
@@ -67,7 +69,7 @@ def schemas() -> dict[str, dict[str, Any]]:
     run = json_schema(settings.RunSettings)
     by_kind = []
     for kind in kinds.BUILT_IN:
-        if kind.forecasts is None and kind.name != "average":
+        if not kind.is_method:
             continue
         chosen = [kind.options, *([options.Learning] if kind.learned else [])]
         parts = [json_schema(cls)["properties"] for cls in chosen]
@@ -87,13 +89,13 @@ def schemas() -> dict[str, dict[str, Any]]:
 
 def tables() -> dict[str, str]:
     """{name of the place in a README: Markdown} of every table."""
-    shown = [kind for kind in kinds.BUILT_IN if kind.forecasts is not None or kind.name == "average"]
+    shown = [kind for kind in kinds.BUILT_IN if kind.is_method]
     lines = [
         "| kind | method | options |",
         "|---|---|---|",
         *(f"| `{k.name}` | {k.title} | {_options(k)} |" for k in shown),
     ]
-    own = [f"#### `{kind.name}`\n\n{table(kind.options)}" for kind in shown if kind.name in {"cvm", "average"}]
+    own = [f"#### `{kind.name}`\n\n{table(kind.options)}" for kind in shown if not (kind.section or kind.learned)]
     own += [f"#### Every network\n\n{table(options.Training, _LEARNING)}"]
     own += [f"#### `{kind.name}`\n\n{table(kind.options, beyond=options.Training)}" for kind in shown if kind.learned]
     built = [
@@ -109,7 +111,10 @@ def tables() -> dict[str, str]:
         "dataset": table(datasets.DatasetFile, required=datasets.REQUIRED),
         "checks": checks(),
         "exhibits": exhibits(),
+        "lacks": lacking(),
         "equations": places(),
+        "forms": forms(),
+        "columns": columns(),
         "dataset sections": "\n\n".join(f"#### `{name}`\n\n{table(cls)}" for name, cls in DATASET_SECTIONS.items()),
     }
 
@@ -130,12 +135,46 @@ def table(cls: type, note: str = "", required: tuple[str, ...] = (), beyond: typ
     return "\n".join([*lines, *(["", note] if note else [])])
 
 
+def forms() -> str:
+    """Every form of maps: its kinds, what it carries and loses, who reads it, and its options with their meanings."""
+    lines = ["| form | kinds | carries | loses | read by | options |", "|---|---|---|---|---|---|"]
+    lines.append("| `parquet`: ours | every kind | everything | nothing | this library; any reader of Parquet | |")
+    meanings: dict[str, str] = {}
+    for one in FORMS:
+        told = [(name, meaning) for cls in (one.reading, one.writing) for name, _, _, meaning in fields_of(cls)]
+        meanings |= {name: meanings.get(name, meaning) for name, meaning in told}
+        of, named = (", ".join(f"`{text}`" for text in texts) for texts in (one.kinds, [name for name, _ in told]))
+        lines.append(f"| `{one.name}`: {one.title} | {of} | {one.carries} | {one.loses} | {one.read_by} | {named} |")
+    return "\n".join([*lines, "", *(f"* `{name}`: {meaning}" for name, meaning in meanings.items())])
+
+
+def columns() -> str:
+    """Every column of every map's tables, with its unit; and what their metadata hold."""
+    parts = []
+    for title, of in TABLES.items():
+        rows = [f"| `{name}` | {unit} | {meaning} |" for name, (unit, meaning) in of.items()]
+        parts.append("\n".join([f"**{title}**\n", "| column | unit | what |", "|---|---|---|", *rows]))
+    rows = [f"| `{name}` | {meaning} |" for name, meaning in METADATA.items()]
+    parts.append("\n".join(["**Metadata of the file**\n", "| key | what |", "|---|---|", *rows]))
+    return "\n\n".join(parts)
+
+
 def exhibits() -> str:
     """Every exhibit: its file, what it shows, its label in the paper, its rule and module."""
     lines = ["| file | what | the paper's label | rule | module |", "|---|---|---|---|---|"]
     for one in EXHIBITS:
         name, paper = one.name.replace("{label}", "<label>"), one.paper or "not in the paper"
         lines.append(f"| `{name}` | {one.title} | {paper} | `{one.rule}` | `{one.module}` |")
+    return "\n".join(lines)
+
+
+def lacking() -> str:
+    """What a dataset cannot have: where, what a run shows there, and in which exhibits."""
+    lines = ["| where | the run shows | exhibits |", "|---|---|---|"]
+    for lack in lacks.ALL:
+        names = [f"`{one.name}`".replace("{label}", "<label>") for one in EXHIBITS if lack in one.lacks]
+        shown = re.sub(r"\{.*?\}", "...", lack.text)
+        lines.append(f"| {lack.where} | {shown} | {', '.join(names)} |")
     return "\n".join(lines)
 
 

@@ -36,7 +36,7 @@ def scores(
     for protocol in PROTOCOLS:
         for method in errors:
             one = main_errors(errors[method], protocol)
-            cluster = clusters(one.keys, days)
+            cluster = clusters(one.person, days)
             for column, horizon in enumerate(horizons):
                 ade, fde = one.ade[:, :, column], one.fde[:, :, column]
                 test, eligible = mean_test(ade, cluster), one.eligible_steps >= steps[column]

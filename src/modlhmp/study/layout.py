@@ -4,6 +4,7 @@ Paths are relative to the project's folder. Names may be Snakemake's wildcards, 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 from modlhmp.kinds import find
 
@@ -65,6 +66,15 @@ class Layout:
         """A kind's map: a file, or the folder of its hours."""
         return f"{self.results}/{dataset}/maps/{find(kind).map_file}"
 
+    def published_map(self, dataset: str, method: str, kind: str) -> str:
+        """The map that a method has from a file, instead of one that is built."""
+        return f"{self.results}/{dataset}/maps/published/{method}{'' if find(kind).hourly else '.parquet'}"
+
+    def map_of(self, dataset: str, method: Any) -> str:
+        """The map that a `methods.Method` forecasts with; a path must not depend on that module's code."""
+        kind = method.kind
+        return self.published_map(dataset, method.published, kind) if method.published else self.map(dataset, kind)
+
     def map_hour(self, dataset: str, kind: str, hour: int) -> str:
         """One hour of a kind's map."""
         return f"{self.map(dataset, kind)}/{hour:02d}.parquet"
@@ -112,6 +122,10 @@ class Layout:
     def training_share(self, dataset: str, method: str, share: float) -> str:
         """Errors of a method whose map was built from a share of the training tracks."""
         return f"{self.study(dataset, 'training')}/{method}/{share:g}.parquet"
+
+    def occupied(self, dataset: str, table: str) -> str:
+        """`bins`, `scores` or `film` of which cells were occupied."""
+        return f"{self.results}/{dataset}/occupied/{table}.parquet"
 
     def uncertainty(self, dataset: str, method: str) -> str:
         """Scores of a method's forecasts as distributions."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from modlhmp.datasets import Dataset
+from modlhmp.exchange.hand_in import hand_in_files
 from modlhmp.file_format import FileFormat
 from modlhmp.methods import Method
 from modlhmp.scoring.horizons import LADDER_S, scored_horizons
@@ -52,8 +53,8 @@ class Plan:
 
     def map_of(self, dataset: str, name: str) -> str | list[str]:
         """The map that a method needs, nothing for one without."""
-        kind = self.run.kind(name)
-        return self.layout.map(dataset, kind.name) if kind.has_map else []
+        has_map = self.run.kind(name).has_map
+        return self.layout.map_of(dataset, self.method(dataset, name)) if has_map else []
 
     def exits_of(self, dataset: str, name: str) -> str | list[str]:
         """The ways out, for a method that samples its map and uses them."""
@@ -75,8 +76,14 @@ class Plan:
 
     @property
     def compared_kinds(self) -> set[str]:
-        """Kinds of the compared methods."""
-        return {self.run.kind(name).name for name in self.run.compare}
+        """Kinds of the compared methods, but for those whose map is a file: figures show the maps that are built."""
+        return {self.run.kind(name).name for name in self.run.compare if not self.run.published(name)}
+
+    @property
+    def published(self) -> list[str]:
+        """Methods whose `file` is the map of one that the run needs."""
+        names = [*self.run.methods_run, self.run.studies.method]
+        return list(dict.fromkeys(filter(None, map(self.run.published, names))))
 
     @property
     def tested_pairs(self) -> list[list[str]]:
@@ -108,6 +115,15 @@ class Plan:
         return [name for name in self.run.methods_run if self.run.kind(name).name == "average"]
 
     @property
+    def handed_in(self) -> list[str]:
+        """Methods whose forecasts come from outside."""
+        return [name for name in self.run.methods_run if self.run.kind(name).outside]
+
+    def hand_in_files(self, dataset: str, name: str) -> list[str]:
+        """The file of such forecasts of a dataset, and the JSON file beside it; `DataError` where there is none."""
+        return [str(file) for file in hand_in_files(self.method(dataset, name).options.folder, dataset)]
+
+    @property
     def read_anew(self) -> list[str]:
         """Compared methods of the paper's kinds, scored under every reading of the rules."""
         return [name for name in self.run.compare if self.run.kind(name).published]
@@ -136,3 +152,9 @@ class Plan:
         """Compared methods whose maps are also built from less data."""
         training = self.run.studies.training
         return [name for name in training.methods if name in self.run.compare] if training.shares else []
+
+    @property
+    def foretold(self) -> dict[str, Dataset]:
+        """Datasets of which it is studied which cells will be occupied: those with a clock, without which days mix."""
+        known = {name: one for name, one in self.datasets.items() if one.clock != "unknown"}
+        return known if self.run.studies.occupied.methods else {}

@@ -42,6 +42,7 @@ TABLES = (
     "tab_models",
     "tab_uncertainty",
     "tab_encounters",
+    "tab_occupied",
     "folds",
     "readings-atc",
     "readings-edin",

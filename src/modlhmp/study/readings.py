@@ -12,6 +12,7 @@ import pandas as pd
 
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.windows import in_order, windows
+from modlhmp.scenes import Scenes
 from modlhmp.scoring.errors import nan_mean, seed_mean, stands_about, truth_of
 from modlhmp.scoring.protocols import score
 from modlhmp.site import Site
@@ -23,15 +24,15 @@ OWN, UNION, COMMON = "each seed's own", "that any seed scored", "that all seeds 
 
 
 def readings(
-    recordings: Iterable[tuple[Tracks, Iterable[tuple[int, np.ndarray, Forecast]]]], site: Site
+    recordings: Iterable[tuple[Tracks, Iterable[tuple[int, np.ndarray, Forecast]], Scenes | None]], site: Site
 ) -> pd.DataFrame:
     """One method's errors at the longest horizon under each reading; a DataFrame of `COLUMNS`.
 
-    `recordings` yields (tracks, forecasts as of `files.read_forecasts`). `idle`: whether idle tracks are `kept` or
-    `dropped`; `left`: tracks whose futures have all left the map are `held` or `dropped`; `tracks`: which the mean is
-    of; `n` scored (mean over seeds where each has its own) of `eligible`.
+    `recordings` yields (tracks, forecasts as of `files.read_forecasts`, scenes). `idle`: whether idle tracks are `kept`
+    or `dropped`; `left`: tracks whose futures have all left the map are `held` or `dropped`; `tracks`: which the mean
+    is of; `n` scored (mean over seeds where each has its own) of `eligible`.
     """
-    every = [_errors(tracks, forecasts, site) for tracks, forecasts in recordings]
+    every = [_errors(*one, site) for one in recordings]
     parts = [part for part in every if len(part["idle"])] or every[:1]  # one without tracks has no seeds either
     idle, eligible = (np.concatenate([part[name] for part in parts]) for name in ("idle", "eligible"))
     rows = []
@@ -47,9 +48,9 @@ def readings(
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _errors(tracks, forecasts, site):
+def _errors(tracks, forecasts, scenes, site):
     """ADE and FDE [seeds, tracks] of a recording at the longest horizon, held and dropped; who idles, who counts."""
-    wanted = windows(tracks, site)
+    wanted = windows(tracks, site, scenes)
     truth, length = truth_of(tracks, wanted, site)
     by_seed: dict[int, list[dict]] = {}
     for seed, mine, forecast in in_order(forecasts, wanted):

@@ -21,7 +21,7 @@ def read_uncertainty(path: str | Path) -> tuple[list[float], dict[str, np.ndarra
     """A file of `uncertainty.MEASURES` as (horizons [s], {measure: [tracks, H]}, person [tracks]), means over seeds.
 
     `brier` is added: the squared error of the probability of having left, of each seed before their mean. A track that
-    is forecast several times is there as often; `person` numbers whose each row is.
+    is forecast several times is there as often; `person` numbers whose each row is (of `same_person`, all pieces').
     """
     table = read_parquet(path)
     horizons = read_metadata(path)["horizons_s"]
@@ -29,7 +29,8 @@ def read_uncertainty(path: str | Path) -> tuple[list[float], dict[str, np.ndarra
     rows = table.select(key).to_pandas()
     track = rows.groupby(key, observed=True).ngroup().to_numpy()
     person = np.zeros(track.max(initial=-1) + 1, np.int64)
-    person[track] = rows.groupby(key[:2], observed=True).ngroup().to_numpy()
+    whose = [key[0], "person" if "person" in table.column_names else key[1]]
+    person[track] = table.select(whose).to_pandas().groupby(whose, observed=True).ngroup().to_numpy()
     values = {name: column(table, name).reshape(-1, len(horizons)).astype(np.float64) for name in MEASURES}
     values["brier"] = (values["left"] - values["has_left"]) ** 2
     number = np.bincount(track)[:, None]

@@ -23,7 +23,7 @@ from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import usable
-from modlhmp.kinds import find
+from modlhmp.maps.base import hour_files
 from modlhmp.methods import Method, load_map
 from modlhmp.settings import build
 from modlhmp.site import Site
@@ -49,7 +49,8 @@ def measure(task: Mapping[str, Any]) -> dict[str, Any]:
     layout, name = Layout(task["run"], task.get("root", ".")), task["dataset"]["name"]
     site, method = build(Site, task["dataset"]), Method.of(task["method"])
     k, steps = method.options.k, site.steps
-    mod = load_map(method.kind, layout.map(name, method.kind), site, method.options)
+    path = layout.map_of(name, method)
+    mod = load_map(method.kind, path, site, method.options)
     observed = _observed(layout, name, task["recordings"], site, task["max_tracks"])
 
     def forecast(some: Observed, horizon: int = steps, mod: Any = mod) -> Forecast:
@@ -63,10 +64,10 @@ def measure(task: Mapping[str, Any]) -> dict[str, Any]:
     single = [_take(observed, [row]) for row in range(min(n, LATENCY_TRACKS))]
     forecast(single[0])
     latency = [_seconds(functools.partial(forecast, one)) for one in single]
-    files = [file for _, file in _map_files(layout, name, method.kind)]
+    files = list(_map_files(path).values())
     growth = {
         **_growth(forecast, observed, reference, steps),
-        "M": list(_with_copies(layout, name, method, site, forecast, observed, reference)),
+        "M": list(_with_copies(path, method, site, forecast, observed, reference)),
     }
     return {
         "tracks": n, "k": k, "horizon_s": site.horizon_s, "repetitions": REPETITIONS,
@@ -155,8 +156,7 @@ def _growth(
 
 
 def _with_copies(
-    layout: Layout,
-    name: str,
+    path: str,
     method: Method,
     site: Site,
     forecast: Callable[..., Forecast],
@@ -164,15 +164,15 @@ def _with_copies(
     reference: Forecast,
 ) -> Iterator[list[float]]:
     """Yield [number of locations, seconds] with larger maps, up to the largest lattice; forecasts must be the same."""
-    tables = {hour: read_parquet(file) for hour, file in _map_files(layout, name, method.kind)}
+    tables = {hour: read_parquet(file) for hour, file in _map_files(path).items()}
     locations = np.mean([_locations(table) for table in tables.values()])
     for copies in COPIES:
         with tempfile.TemporaryDirectory() as folder:
-            larger = Layout(layout.run, folder)
+            larger = Path(folder, "map")
             for hour, table in tables.items():
-                write_parquet(copied(table, copies), _map_file(larger, name, method.kind, hour))
+                write_parquet(copied(table, copies), larger if hour is None else larger / f"{hour:02d}.parquet")
             try:
-                mod = load_map(method.kind, larger.map(name, method.kind), site, method.options)
+                mod = load_map(method.kind, larger, site, method.options)
             except DataError:  # such a map exceeds the limit on size
                 return
         if not np.array_equal(forecast(observed, mod=mod).xy, reference.xy):
@@ -206,16 +206,9 @@ def _take(observed: Observed, rows: Any) -> Observed:
     return Observed(*(part[rows] for part in observed))
 
 
-def _map_file(layout: Layout, name: str, kind: str, hour: int | None) -> str:
-    """The file of a map, or of one of its hours."""
-    return layout.map(name, kind) if hour is None else layout.map_hour(name, kind, hour)
-
-
-def _map_files(layout: Layout, name: str, kind: str) -> list[tuple[int | None, str]]:
-    """(hour, file) of a map that is one file (hour: None), or of those hours that have one."""
-    hours = range(24) if find(kind).hourly else [None]
-    files = [(hour, _map_file(layout, name, kind, hour)) for hour in hours]
-    return [(hour, file) for hour, file in files if hour is None or Path(file).exists()]
+def _map_files(path: str) -> dict[int | None, Path]:
+    """{hour: file} of a map: None for one that is a file, else those hours that have one."""
+    return dict(hour_files(path).items()) if Path(path).is_dir() else {None: Path(path)}
 
 
 def _seconds(call: Callable[[], Any]) -> float:

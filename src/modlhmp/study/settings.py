@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
-from annotated_types import MaxLen, MinLen
+from annotated_types import Ge, Le, MaxLen, MinLen
 
 from modlhmp import kinds, options
 from modlhmp.methods import Method
@@ -36,8 +36,13 @@ class MethodEntry:
 
     kind: str = option("", "one of the kinds below")
     title: str = option("", "name in tables and figures")
+    folder: str = option("", "of kind `forecasts`: where they lie (docs/your-predictor.md)")
     inherits: str = option("", "method whose options it starts from: all that its kind has, too")
     options: dict[str, Any] = option({}, "what differs from the section of its kind, or from the budget")
+    file: str = option(
+        "", "a map to forecast with, instead of one that is built: a file or a folder of hours under `data_root`"
+    )
+    form: str = option("", "the form of `file` (docs/maps.md), where its content does not tell")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +79,16 @@ class TrainingShares:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OccupiedCells:
+    """Which cells will be occupied, forecast at moments of whole days without contemporaries."""
+
+    methods: tuple[str, ...] = option(
+        ("episodes", "snippets"), "methods with a map and samples, the first one filmed; an empty list leaves it out"
+    )
+    every_s: Annotated[float, Ge(1), Le(3600)] = option(60.0, "everyone present is forecast every so many seconds [s]")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Studies:
     """One parameter of a method varied, the others as they are."""
 
@@ -83,6 +98,7 @@ class Studies:
         (0.5, 1, 1.5, 2, 3), "values of r_s [m]; an empty list leaves it out"
     )
     training: TrainingShares = option(TrainingShares(), "maps from less training data")
+    occupied: OccupiedCells = option(OccupiedCells(), "which cells will be occupied")
     max_tracks: WholeFrom1 = option(10_000, "at most so many test tracks, always the same ones")
 
 
@@ -220,6 +236,11 @@ class RunSettings:
         parts = [part for one in self.members(name) for part in self.averaged_parts(one, (*within, name))]
         return list(dict.fromkeys(parts)) or [name]
 
+    def published(self, name: str) -> str:
+        """The method whose `file` is a method's map: itself, or the nearest it inherits from of its kind; or none."""
+        line = [one for one in (name, *self.ancestors(name)) if self.entries[one].kind == self.entries[name].kind]
+        return next((one for one in line if self.entries[one].file), "")
+
     def trained_as(self, name: str) -> str:
         """The method whose training a network uses: the one it inherits from where only the epoch may differ."""
         entry = self.entries[name]
@@ -265,7 +286,8 @@ class RunSettings:
         kind, within = kinds.find(entry.kind), f"methods.{name}.options"
         base = self.method(entry.inherits, tuned) if self.ancestors(name) else None
         start = tuned.get(kind.name, {}) if base is None else _both_have(kind.options, base.options)
-        own = {**start, **entry.options, **tuned.get(name, {})}
+        of_entry = {"folder": entry.folder} if entry.folder else {}
+        own = {**start, **of_entry, **entry.options, **tuned.get(name, {})}
         if kind.learned:
             shared = {f.name: getattr(self.learned, f.name) for f in dataclasses.fields(options.Learning)}
             if base is not None and base.learning is not None:
@@ -282,7 +304,7 @@ class RunSettings:
         if kind.options is options.ConstantVelocity:
             defaults = {"velocity": self.rollout.velocity}
         found = check(kind.options, {**defaults, **own}, "configuration", within=within)
-        return Method(name=name, kind=kind.name, options=found)
+        return Method(name=name, kind=kind.name, options=found, published=self.published(name))
 
 
 def _both_have(cls: type, found: Any) -> dict[str, Any]:

@@ -13,11 +13,14 @@ from modlhmp.forecasting.base import Forecaster
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import usable
 from modlhmp.methods import Method, build_map, make_forecaster
+from modlhmp.scenes import Scenes
 from modlhmp.scoring.recording import score_recording
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks
+
+NONE: Mapping[str, Scenes | None] = {}
 
 
 def sample_tracks(recordings: Mapping[str, Tracks], dataset: str, site: Site, max_tracks: int) -> Mapping[str, Tracks]:
@@ -49,16 +52,17 @@ def vary(
     site: Site,
     map_path: str | Path,
     seeds: Sequence[int],
+    scenes: Mapping[str, Scenes | None] = NONE,
 ) -> Iterator[tuple[float, pa.Table]]:
     """Yield (value, errors table as of `score_recording`) for each value of a roll-out's `parameter`.
 
     Every variant draws the random numbers of the method itself, so the variants differ by the parameter alone, and the
-    default's errors are those of the main run.
+    default's errors are those of the main run. `scenes` are those of recordings that have some.
     """
     for value in values:
         options = dataclasses.replace(method.options, **{parameter: value})
         forecaster = make_forecaster(method.kind, options, site, map_path)
-        yield value, _errors(method, forecaster, recordings, dataset, site, seeds)
+        yield value, _errors(method, forecaster, recordings, dataset, site, seeds, scenes)
 
 
 def vary_training(
@@ -70,11 +74,12 @@ def vary_training(
     site: Site,
     buildings: Mapping[str, Any],
     seeds: Mapping[str, Sequence[int]],
+    scenes: Mapping[str, Scenes | None] = NONE,
 ) -> Iterator[tuple[float, str, pa.Table]]:
     """Yield (share, method name, errors table) for maps of a share of the training tracks, drawn by a hash of the id.
 
     `methods` are of kinds that can be built `from_share`, `buildings` their building options by kind, and those of the
-    ways out. A larger share holds all that a smaller one does.
+    ways out. A larger share holds all that a smaller one does. `scenes` as of `vary`.
     """
     key = stream_keys(training.track_id, 1, "training share", dataset)[:, 0]
     for share in shares:
@@ -85,7 +90,7 @@ def vary_training(
                 write_parquet(build_map(kind, some, site, buildings[kind])[0], file)
             for method in methods:
                 forecaster = make_forecaster(method.kind, method.options, site, files[method.kind], files["exits"])
-                errors = _errors(method, forecaster, recordings, dataset, site, seeds[method.name])
+                errors = _errors(method, forecaster, recordings, dataset, site, seeds[method.name], scenes)
                 yield share, method.name, errors
 
 
@@ -96,11 +101,13 @@ def _errors(
     dataset: str,
     site: Site,
     seeds: Sequence[int],
+    scenes: Mapping[str, Scenes | None],
 ) -> pa.Table:
     """Errors of one method on some recordings {name: Tracks}."""
     tables = []
     for name, tracks in recordings.items():
         names = (dataset, method.name, name)
-        forecasts = forecast_recording(tracks, forecaster, site, names, method.futures, seeds)
-        tables.append(score_recording(tracks, forecasts, name, site))
+        own = scenes.get(name)
+        forecasts = forecast_recording(tracks, forecaster, site, names, method.futures, seeds, scenes=own)
+        tables.append(score_recording(tracks, forecasts, name, site, scenes=own))
     return pa.concat_tables(tables).unify_dictionaries()

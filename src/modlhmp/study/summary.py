@@ -18,7 +18,7 @@ COLUMNS = (
 
 METRICS = ("ade", "fde", "infeasible")
 # The first that a method has stands for it.
-OUTPUTS = ("ranked", "median", "medoid", "modes", "mean", "single", "mean_path")
+OUTPUTS = ("ranked", "median", "medoid", "modes", "likeliest", "mean", "single", "mean_path")
 
 
 class Errors(NamedTuple):
@@ -26,8 +26,9 @@ class Errors(NamedTuple):
 
     `keys` [tracks] are "recording/track", of a track that is forecast several times "recording/track@t0"; `ade`, `fde`
     [seeds, tracks, T] float32 in m, NaN where not scored; `eligible_steps` [tracks]; `unknown` [tracks]: whether the
-    method could not forecast it, with some seed: no dynamics from t0 on. With a floor plan, `infeasible` [seeds,
-    tracks, T] is 1 where the forecast has been inside a wall (a share where it is a mean of several), and
+    method could not forecast it, with some seed: no dynamics from t0 on. `person` [tracks] are "recording/person":
+    every track is one, but for the pieces of a cut one where these are the same person. With a floor plan, `infeasible`
+    [seeds, tracks, T] is 1 where the forecast has been inside a wall (a share where it is a mean of several), and
     `truth_infeasible` [tracks, T] says so of the truth.
     """
 
@@ -36,6 +37,7 @@ class Errors(NamedTuple):
     fde: np.ndarray
     eligible_steps: np.ndarray
     unknown: np.ndarray
+    person: np.ndarray
     infeasible: np.ndarray | None = None
     truth_infeasible: np.ndarray | None = None
 
@@ -56,10 +58,12 @@ def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) ->
     step = np.arange(1, width + 1)[steps]
     found, place = {}, np.empty((2, len(rows)), np.int64)  # seed and track of every row
     for key, group in rows.groupby(["output", "protocol"], observed=True):
-        names = group["recording"].astype(str) + "/" + group["track_id"].astype(str)
+        of = group["recording"].astype(str) + "/"
+        names = of + group["track_id"].astype(str)
         if "t0" in group:
             names += "@" + group["t0"].astype(str)
-        keys, track = np.unique(names, return_inverse=True)
+        keys, first, track = np.unique(names, return_index=True, return_inverse=True)
+        person = of + group["person" if "person" in group else "track_id"].astype(str)
         seeds, seed = np.unique(group["seed"], return_inverse=True)
         place[:, group.index] = seed, track
         arrays: dict[str, np.ndarray] = {
@@ -70,10 +74,11 @@ def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) ->
         unknown = np.zeros(len(keys), bool)
         np.logical_or.at(unknown, track, group["alive_steps"] == 0)
         if "infeasible" in arrays:
-            first = np.zeros(len(keys), np.int64)
-            first[track] = group["truth_infeasible_from"]
-            arrays["truth_infeasible"] = (first[:, None] > 0) & (step >= first[:, None])
-        found[key] = Errors(keys, eligible_steps=eligible, unknown=unknown, **arrays)
+            since = np.zeros(len(keys), np.int64)
+            since[track] = group["truth_infeasible_from"]
+            arrays["truth_infeasible"] = (since[:, None] > 0) & (step >= since[:, None])
+        whose = person.to_numpy(str)[first]
+        found[key] = Errors(keys, eligible_steps=eligible, unknown=unknown, person=whose, **arrays)
     begin = 0
     for piece in read_pieces(path, metrics):
         of = rows.iloc[begin : begin + len(piece)].groupby(["output", "protocol"], observed=True).indices

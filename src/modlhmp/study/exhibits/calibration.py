@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import style
 from modlhmp.study.layout import Layout
 from modlhmp.study.reliability import calibration, read_uncertainty, reliability
@@ -73,7 +74,7 @@ def shown_horizons(horizons: Sequence[float], longest: float) -> list[float]:
 
 def _panel(ax, table, what, methods, title):
     if table.empty:
-        style.empty_panel(ax, f"{title}\nno test track is as long")
+        style.empty_panel(ax, f"{title}\n{lacks.NOT_AS_LONG}")
         return
     high = 1.0
     if what == "error":

@@ -6,6 +6,7 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import map_panels, style
 from modlhmp.study.layout import Layout
 
@@ -21,7 +22,7 @@ def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
     fig, axes = map_panels.panels(dataset, (drawn["x"], drawn["y"]), 1, len(hours))
     for ax, (hour, table) in zip(axes[0], tables.items(), strict=True):
         if table.empty:
-            style.empty_panel(ax, f"{hour}:00–{hour + 1}:00\nno map: too few training data")
+            style.empty_panel(ax, f"{hour}:00–{hour + 1}:00\n{lacks.NO_MAP}")
             continue
         length = table["mean_speed"] * map_panels.ARROW_M_PER_MPS
         map_panels.arrows(ax, table.assign(heading=table["mean_heading"], length=length))

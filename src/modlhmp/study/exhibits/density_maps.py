@@ -16,8 +16,11 @@ from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.outputs import with_output
 from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.kinds import find
 from modlhmp.methods import Method, make_forecaster
+from modlhmp.scenes import read_scenes
 from modlhmp.scoring.uncertainty import samples_of
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.exhibits.selection import Example, errors_at, example_track
 from modlhmp.study.layout import Layout
@@ -97,7 +100,7 @@ def example(
     steps = dataset.steps
     track = example_track(errors_at(layout.errors(dataset.name, next(iter(methods))), steps))
     if track is None:
-        return None, f"no test track of {dataset.horizon_s:g} s", {}
+        return None, lacks.NO_TRACK.text.format(horizon=dataset.horizon_s), {}
     person = paths.person_paths(layout.tracks(dataset.name, track.recording), track.track_id, dataset, steps)
     forecast = forecast_again(layout, dataset, method, track, samples, seed)
     median = with_output(forecast, "geometric_median")
@@ -120,17 +123,27 @@ def example(
 def forecast_again(
     layout: Layout, dataset: Dataset, method: Method, track: Example, samples: int, seed: int
 ) -> Forecast:
-    """The first `Forecast` of one track with `samples` futures at least; files keep fewer."""
+    """The first `Forecast` of one track with `samples` futures at least, since files keep fewer.
+
+    A network's and one from outside are as they are in the file.
+    """
+    if not find(method.kind).has_map:
+        one = paths.forecast_of(layout.forecast(dataset.name, method.name, track.recording), track.track_id)
+        assert one is not None
+        return Forecast(*(part[None] for part in one[:3]), one.output)  # type: ignore[call-arg]
     exits = layout.map(dataset.name, "exits")
-    path = layout.map(dataset.name, method.kind)
+    path = layout.map_of(dataset.name, method)
     forecaster = make_forecaster(method.kind, method.options, dataset, path, exits)
-    once = dataclasses.replace(dataset, forecast_every_s=None)
-    tracks = read_tracks(layout.tracks(dataset.name, track.recording))
+    file = layout.tracks(dataset.name, track.recording)
+    tracks = read_tracks(file)
     tracks = tracks.take(tracks.track_id == track.track_id)
+    scenes = read_scenes(file) if dataset.forecast_every_s is None else None
+    once = dataclasses.replace(dataset, forecast_every_s=None)
     keyed_by = (dataset.name, method.name, track.recording)
     k = max(method.futures, samples)
-    ((_, _, forecast),) = forecast_recording(tracks, forecaster, once, keyed_by, k, [seed])
-    return forecast
+    found = forecast_recording(tracks, forecaster, once, keyed_by, k, [seed], scenes=scenes)
+    xy, log_fitness, steps_alive, output = next(found)[2]
+    return Forecast(xy[:1], log_fitness[:1], steps_alive[:1], output)
 
 
 def _rows(what, xy, step_s):

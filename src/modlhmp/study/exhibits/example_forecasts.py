@@ -9,6 +9,7 @@ from matplotlib.lines import Line2D
 from modlhmp.datasets import Dataset
 from modlhmp.forecasting.base import RESULTS, Forecast
 from modlhmp.forecasting.ranking import rank_order
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.exhibits.selection import errors_at, example_track
 from modlhmp.study.layout import Layout
@@ -48,7 +49,7 @@ def example(
     first = next(iter(errors.values()))
     track = example_track(first)
     if track is None:
-        return None, f"no test track of {steps * dataset.time_step_s:g} s", None
+        return None, lacks.NO_TRACK.text.format(horizon=steps * dataset.time_step_s), None
     person = paths.person_paths(layout.tracks(name, track.recording), track.track_id, dataset, steps)
     start, tables = paths.one_path(person, "truth")[0], [person]
     for method, rows in errors.items():

@@ -7,6 +7,7 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits.style import PAGE_MM, empty_panel, figure, save
 from modlhmp.study.layout import Layout
 
@@ -45,7 +46,7 @@ def draw(
             at = mine[mine["horizon_s"] == horizon].set_index("method")
             panel.set_yticks(np.arange(len(rungs))[::-1], [])
             if not at.loc[list(rungs), "n"].any():
-                empty_panel(panel, f"{dataset.title}: no test track of {horizon:g} s")
+                empty_panel(panel, f"{dataset.title}: {lacks.NO_TRACK.text.format(horizon=horizon)}")
                 continue
             _panel(panel, at.loc[list(rungs)], at.loc[reference, "ade_m"], colours)
             panel.set_title(f"{dataset.title}: {horizon:g} s", loc="left")

@@ -5,6 +5,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from modlhmp import pictures
 from modlhmp.datasets import Dataset
 from modlhmp.maps.base import hour_files
 from modlhmp.study.exhibits import style
@@ -12,7 +13,6 @@ from modlhmp.study.layout import Layout
 
 ARROW_M_PER_MPS = 1.0  # an arrow shows where a walker is a second later
 MARGIN_M = 1.0
-MOST_VECTORS = 1500  # more arrows in a panel become pixels in the PDF, which would be megabytes large
 
 
 def hours_drawn(layout: Layout, dataset: Dataset, kind: str) -> list[int]:
@@ -57,16 +57,8 @@ def panels(
 
 def arrows(ax: Axes, table: pd.DataFrame, alpha: np.ndarray | pd.Series | None = None) -> None:
     """One arrow per row of `table`: x, y [m], heading [rad], length [m]; `alpha` [n] in 0..1 makes it transparent."""
-    colours = style.heading_colour(table["heading"])
-    if alpha is not None:
-        colours[:, 3] = np.clip(alpha, 0.0, 1.0)
-    u, v = (table["length"] * part(table["heading"]) for part in (np.cos, np.sin))
-    extent = max(np.ptp(ax.get_xlim()), np.ptp(ax.get_ylim()), 20.0)
-    ax.quiver(
-        table["x"], table["y"], u, v, color=colours, angles="xy", scale_units="xy", scale=1.0, units="xy",
-        width=0.0025 * extent, headwidth=3.2, headlength=3.5, headaxislength=3.2, minlength=0, zorder=2,
-        rasterized=len(table) > MOST_VECTORS,
-    )  # fmt: skip
+    x, y, heading, length = (table[name].to_numpy(float) for name in ("x", "y", "heading", "length"))
+    pictures.arrows(ax, x, y, heading, length, None if alpha is None else np.asarray(alpha))
 
 
 def orientation_key(fig: Figure, axes: np.ndarray, dataset: Dataset, note: str) -> None:

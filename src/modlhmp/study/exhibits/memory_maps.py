@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 from modlhmp.datasets import Dataset
 from modlhmp.forecasting.base import RESULTS
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.exhibits.example_forecasts import shown_futures
 from modlhmp.study.exhibits.selection import errors_at, example_track
@@ -52,8 +53,9 @@ def _row(line: np.ndarray, layout: Layout, dataset: Dataset, methods: Mapping[st
     name, steps = dataset.name, dataset.steps
     track = example_track(errors_at(layout.errors(name, next(iter(methods))), steps))
     if track is None:
+        why = lacks.NO_TRACK.text.format(horizon=dataset.horizon_s)
         for panel in line:
-            style.empty_panel(panel, f"{dataset.title}: no test track of {dataset.horizon_s:g} s")
+            style.empty_panel(panel, f"{dataset.title}: {why}")
         return pd.DataFrame(columns=paths.COLUMNS)
     person = paths.person_paths(layout.tracks(name, track.recording), track.track_id, dataset, steps)
     start, tables = paths.one_path(person, "truth")[0], [person]

@@ -3,6 +3,7 @@
 import pandas as pd
 
 from modlhmp.datasets import Dataset
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import map_panels, style
 from modlhmp.study.exhibits.cliff_hours import read_components
 from modlhmp.study.exhibits.stef_hours import read_orientations
@@ -28,7 +29,7 @@ def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
         for ax, name, what in zip(axes[line], ("TC-CLiFF", "STeF"), ("components", "orientations"), strict=True):
             table = drawn[(drawn["hour"] == hour) & (drawn["map"] == name)]
             if table.empty:
-                style.empty_panel(ax, f"{name}, {hour}:00–{hour + 1}:00\nno map: too few training data")
+                style.empty_panel(ax, f"{name}, {hour}:00–{hour + 1}:00\n{lacks.NO_MAP}")
                 continue
             map_panels.arrows(ax, table.sort_values("weight"), alpha=table["weight"].sort_values())
             ax.set_title(f"{name}, {hour}:00–{hour + 1}:00, {len(table)} {what}")

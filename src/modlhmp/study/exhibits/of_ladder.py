@@ -3,6 +3,7 @@
 from typing import Any
 
 from modlhmp.datasets import Dataset
+from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
 from modlhmp.study.plan import Plan
 
@@ -99,5 +100,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=lambda plan, datasets: [plan.layout.ladder(dataset.name, "scores") for dataset in datasets],
         asks=_ladder_asks,
         wanted=_has_rungs,
+        lacks=(lacks.NO_TRACK,),
     ),
 )

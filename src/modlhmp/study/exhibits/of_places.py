@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from modlhmp.datasets import Dataset
+from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
 from modlhmp.study.plan import Plan
 
@@ -67,6 +68,8 @@ def _density(plan: Plan, datasets: list[Dataset]) -> list[str]:
         files.append(plan.layout.errors(dataset.name, next(iter(plan.titles))))
         for found in (plan.map_of(dataset.name, shown), plan.exits_of(dataset.name, shown)) if shown else ():
             files += [found] if isinstance(found, str) else found
+        if shown and not plan.run.kind(shown).has_map:
+            files.append(plan.layout.forecasts(dataset.name, shown))
     return [*files, *_floor_plans(datasets)]
 
 
@@ -78,6 +81,24 @@ def _density_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "samples": plan.run.uncertainty.samples,
         "seed": plan.run.seeds[0],
     }
+
+
+def _occupied(*tables: str) -> dict[str, Any]:
+    """The fields of an exhibit of which cells were occupied, of every dataset with a clock."""
+
+    def needs(plan: Plan, datasets: list[Dataset]) -> list[str]:
+        return [plan.layout.occupied(one.name, table) for one in datasets for table in tables]
+
+    return {"needs": needs, "wanted": lambda plan: bool(plan.foretold) and len(plan.foretold) == len(plan.datasets)}
+
+
+def _filmed(plan: Plan) -> str:
+    """Title of the method that is filmed; empty where there is none."""
+    return "".join(plan.run.titles(plan.run.studies.occupied.methods[:1]).values())
+
+
+def _occupied_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {"titles": plan.run.titles(plan.run.studies.occupied.methods), "horizons": plan.horizons}
 
 
 def _runtimes(plan: Plan, datasets: list[Dataset]) -> list[str]:
@@ -108,6 +129,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         caption="Time-conditioned CLiFF-map at a few hours: mean of the heaviest component of each location. Colour "
         "encodes orientation, length encodes speed. The number of locations is above each panel.",
         **_maps("tc_cliff"),
+        lacks=(lacks.NO_CLOCK, lacks.NO_MAP),
     ),
     Exhibit(
         name="stef-{label}-time",
@@ -120,6 +142,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "Colour encodes orientation; the map has no speed, so all arrows are equally long. The number of cells is "
         "above each panel.",
         **_maps("stef"),
+        lacks=(lacks.NO_CLOCK, lacks.NO_CELL),
     ),
     Exhibit(
         name="cliff-{label}-time-one-location",
@@ -132,6 +155,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "Colour encodes orientation, length speed (the circle is 1 m/s), transparency the weight; n is the number of "
         "observations. The location is the one whose quietest hour is the busiest.",
         **_maps("tc_cliff", "cliff", floor_plan=False),
+        lacks=(lacks.NO_CLOCK, lacks.NOT_HERE, lacks.NO_LOCATION),
     ),
     Exhibit(
         name="{label}_mod",
@@ -144,6 +168,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "location and all orientations of each cell. Colour encodes orientation, transparency the component's weight "
         "or the orientation's probability, length the speed, which STeF does not have.",
         **_maps("tc_cliff", "stef"),
+        lacks=(lacks.NO_CLOCK, lacks.NO_MAP),
     ),
     Exhibit(
         name="rank",
@@ -160,6 +185,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_examples,
         asks=_titles,
         memory_mb=FORECAST_MB,
+        lacks=(lacks.NO_TRACK, lacks.NO_RANKS),
     ),
     Exhibit(
         name="prediction_example",
@@ -175,6 +201,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_examples,
         asks=_titles,
         memory_mb=FORECAST_MB,
+        lacks=(lacks.NO_TRACK,),
     ),
     Exhibit(
         name="memory-maps",
@@ -191,6 +218,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=lambda plan, datasets: {"methods": _with_memory(plan)},
         wanted=lambda plan: len(_with_memory(plan)) == 2,
         memory_mb=FORECAST_MB,
+        lacks=(lacks.NO_TRACK,),
     ),
     Exhibit(
         name="density",
@@ -206,6 +234,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=_density_asks,
         wanted=_measures,
         memory_mb=FORECAST_MB,
+        lacks=(lacks.NO_TRACK,),
     ),
     Exhibit(
         name="calibration",
@@ -220,6 +249,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_uncertainty,
         asks=lambda plan, datasets: {"methods": plan.titles, "measured": plan.measured},
         wanted=_measures,
+        lacks=(lacks.NOT_AS_LONG,),
     ),
     Exhibit(
         name="tab_uncertainty",
@@ -240,6 +270,48 @@ EXHIBITS: tuple[Exhibit, ...] = (
             "others": {plan.run.title(name): reason for name, reason in plan.unmeasured.items()},
         },
         wanted=_measures,
+    ),
+    Exhibit(
+        name="occupied",
+        form="figure",
+        module=f"{MODULES}.occupied_figure",
+        title="occupied cells",
+        category="Figures",
+        caption="Cells of 1 m by the probability that somebody who is there now will be in them, against the share "
+        "that was occupied. Everyone is forecast at moments of whole days, with maps of people who were not recorded "
+        "within ten minutes of them. Above the diagonal more cells were occupied than announced.",
+        asks=_occupied_asks,
+        **_occupied("bins"),
+    ),
+    Exhibit(
+        name="occupied-{label}-film",
+        form="figure",
+        module=f"{MODULES}.occupied_film",
+        title="occupied cells, a film",
+        category="Forecasts",
+        caption=lambda plan: (
+            "The moment at which most people were there: the probability that each cell of 1 m is occupied a sixth, a "
+            "third and two thirds of the longest horizon later, by "
+            f"{_filmed(plan)}, and where these people were then. Who comes "
+            "later is not shown."
+        ),
+        asks=lambda plan, datasets: {"title": _filmed(plan)},
+        needs=lambda plan, datasets: [
+            *(plan.layout.occupied(one.name, "film") for one in datasets),
+            *_floor_plans(datasets),
+        ],
+        wanted=_occupied("film")["wanted"],
+    ),
+    Exhibit(
+        name="tab_occupied",
+        form="table",
+        module=f"{MODULES}.occupied_table",
+        title="occupied cells",
+        category="Tables",
+        caption="How good the probabilities of occupied cells are: Brier score beside those of rules that know nobody, "
+        "how many cells were foretold and occupied, and in how many bins they were calibrated.",
+        asks=lambda plan, datasets: {**_occupied_asks(plan, datasets), "every_s": plan.run.studies.occupied.every_s},
+        **_occupied("scores", "bins"),
     ),
     Exhibit(
         name="runtime",

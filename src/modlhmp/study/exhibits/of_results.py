@@ -6,6 +6,7 @@ from typing import Any
 
 from modlhmp.datasets import Dataset
 from modlhmp.kinds import find
+from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
 from modlhmp.study.plan import Plan
 
@@ -160,6 +161,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         caption=_results_caption,
         needs=_scores,
         asks=lambda plan, datasets: {"methods": plan.titles, "horizons": plan.horizons},
+        lacks=(lacks.NO_PLAN,),
     ),
     Exhibit(
         name="tab_ttests",
@@ -188,6 +190,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=_claims_asks,
         memory_mb=1500,
         minutes=30,
+        lacks=(lacks.ESTIMATED_CLOCK, lacks.NEEDS_PLAN, lacks.NEEDS_LONGER, lacks.NEEDS_NUMBER, lacks.TOO_FEW),
     ),
     Exhibit(
         name="tab_models",
@@ -271,6 +274,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_scores,
         asks=lambda plan, datasets: {"method": "tc_cliff", "title": plan.run.title("tc_cliff")},
         wanted=lambda plan: "tc_cliff" in plan.run.compare,
+        lacks=(lacks.NO_CLOCK, lacks.NO_FORECASTS),
     ),
     Exhibit(
         name="learning-curves",

@@ -6,6 +6,7 @@ import pandas as pd
 from modlhmp.datasets import Dataset
 from modlhmp.maps.base import hour_files
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.cliff_hours import read_components
 from modlhmp.study.layout import Layout
@@ -26,13 +27,13 @@ def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
     fastest = max([float(table["mean_speed"].max()) for table in here.values() if len(table)], default=1.0)
     for ax, (title, table) in zip(axes.flat, here.items(), strict=False):
         if table.empty:
-            style.empty_panel(ax, f"{title}\nno map here")
+            style.empty_panel(ax, f"{title}\n{lacks.NOT_HERE}")
         else:
             _panel(ax, table, 1.08 * fastest, style.image_coordinates(dataset))
             ax.set_title(f"{title}\nn {table['count'].iloc[0]}", fontsize=6)
     for ax in axes.flat[len(here) :]:
         ax.set_axis_off()
-    where = "no location with dynamics" if place is None else f"({place[0]:g}, {place[1]:g}) m"
+    where = f"{lacks.NO_LOCATION}" if place is None else f"({place[0]:g}, {place[1]:g}) m"
     fig.supxlabel(
         f"{dataset.title}, CLiFF at {where}: mean of each component;\n"
         "colour: orientation, lighter: smaller weight, circle: 1 m/s, n: observations",

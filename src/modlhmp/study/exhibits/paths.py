@@ -17,7 +17,9 @@ from matplotlib.patheffects import Normal, Stroke
 from modlhmp.datasets import Dataset
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.files import read_forecasts
-from modlhmp.scoring.errors import ground_truth
+from modlhmp.forecasting.windows import windows
+from modlhmp.scenes import read_scenes
+from modlhmp.scoring.errors import truth_of
 from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import Example
@@ -38,19 +40,20 @@ LEFT_MAP: style.Look = {"marker": "x", "markersize": 5, "markeredgewidth": 1.2, 
 
 
 def person_paths(tracks_file: str | Path, track_id: int, dataset: Dataset, steps: int) -> pd.DataFrame:
-    """Observed rows and truth of a track, `COLUMNS` from `method` on; `step_s` counts from t0.
+    """Observed rows and truth of a track's first forecast, `COLUMNS` from `method` on; `step_s` counts from t0.
 
     The truth begins at t0 and is interpolated at the time steps, as for scoring.
     """
     tracks = read_tracks(tracks_file)
     track = tracks.take(tracks.track_id == track_id)
-    seen, step_s = dataset.observed_rows, dataset.time_step_s
-    truth, _ = ground_truth(track, np.array([[0, len(track.t) - 1]]), seen, steps, step_s)
-    observed = np.column_stack([track.x, track.y])[:seen]
+    wanted, step_s = windows(track, dataset, read_scenes(tracks_file)), dataset.time_step_s
+    truth, t0 = truth_of(track, wanted, dataset)[0][0, :steps], wanted.row[0]
+    rows = slice(t0 - dataset.observed_rows + 1, t0 + 1)
+    observed = np.column_stack([track.x, track.y])[rows]
     return pd.concat(
         [
-            _positions("observed", observed, track.t[:seen] - track.t[seen - 1]),
-            _positions("truth", np.vstack([observed[-1:], truth[0]]), np.arange(steps + 1) * step_s),
+            _positions("observed", observed, track.t[rows] - track.t[t0]),
+            _positions("truth", np.vstack([observed[-1:], truth]), np.arange(steps + 1) * step_s),
         ]
     )
 

@@ -14,6 +14,7 @@ from modlhmp.datasets import Area, Dataset
 from modlhmp.forecasting.ranking import rank_order
 from modlhmp.scoring.errors import displacement_errors
 from modlhmp.storage import read_metadata
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.exhibits.selection import errors_at, example_track
 from modlhmp.study.layout import Layout
@@ -44,13 +45,13 @@ def example(layout: Layout, dataset: Dataset, methods: Mapping[str, str]) -> tup
     name, steps = dataset.name, dataset.steps
     track = example_track(errors_at(layout.errors(name, next(iter(methods))), steps))
     if track is None:
-        return None, f"no test track of {dataset.horizon_s:g} s"
+        return None, lacks.NO_TRACK.text.format(horizon=dataset.horizon_s)
     files = {method: layout.forecast(name, method, track.recording) for method in methods}
     ranked = [method for method, file in files.items() if read_metadata(file).get("output") == "ranked"]
     method = SHOWN if SHOWN in ranked else next(iter(ranked), None)
     forecast = paths.forecast_of(files[method], track.track_id) if method else None
     if forecast is None:
-        return None, "no method ranks its forecasts"
+        return None, lacks.NO_RANKS.text
     person = paths.person_paths(layout.tracks(name, track.recording), track.track_id, dataset, steps)
     truth = paths.one_path(person, "truth")
     order = rank_order(forecast, steps)

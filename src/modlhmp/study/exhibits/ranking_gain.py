@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from modlhmp.datasets import Dataset
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import scored_of
 from modlhmp.study.layout import Layout
@@ -22,7 +23,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, method: str, ti
             ax = axes[line, column]
             one = rows[(rows["dataset"] == dataset.name) & (rows["protocol"] == protocol)]
             if one.empty:
-                style.empty_panel(ax, f"no {title} forecasts of {dataset.title}")
+                style.empty_panel(ax, lacks.NO_FORECASTS.text.format(method=title, dataset=dataset.title))
                 continue
             for output, (label, position) in LINES.items():
                 curve = one[one["output"] == output].sort_values("horizon_s")

@@ -6,6 +6,7 @@ from importlib import import_module
 from typing import Any, Literal
 
 from modlhmp.datasets import Dataset
+from modlhmp.study.lacks import Lack
 from modlhmp.study.layout import FIGURE_FORMS, TABLE_FORMS
 from modlhmp.study.plan import Plan
 
@@ -35,6 +36,7 @@ class Exhibit:
     needs: Needs
     asks: Asks = lambda plan, datasets: {}
     wanted: Callable[[Plan], bool] = lambda plan: True
+    lacks: tuple[Lack, ...] = ()  # what a dataset may not have of it, and what is shown instead
     of_folds: bool = False  # where a run is evaluated on folds, those exhibits are made that pool them, else the others
     memory_mb: int = 1000
     minutes: int = 10

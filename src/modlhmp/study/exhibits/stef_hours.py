@@ -7,6 +7,7 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import map_panels, style
 from modlhmp.study.layout import Layout
 
@@ -22,7 +23,7 @@ def draw(layout: Layout, dataset: Dataset, stem: str) -> None:
     fig, axes = map_panels.panels(dataset, (drawn["x"], drawn["y"]), 1, len(hours))
     for ax, (hour, table) in zip(axes[0], tables.items(), strict=True):
         if table.empty:
-            style.empty_panel(ax, f"{hour}:00–{hour + 1}:00\nno cell with dynamics")
+            style.empty_panel(ax, f"{hour}:00–{hour + 1}:00\n{lacks.NO_CELL}")
             continue
         map_panels.arrows(ax, table)
         ax.set_title(f"{hour}:00–{hour + 1}:00, {len(table)} cells")

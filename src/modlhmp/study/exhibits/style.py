@@ -7,10 +7,10 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
-from matplotlib.colors import LinearSegmentedColormap
 
 from modlhmp.datasets import Dataset
 from modlhmp.floor_plan import load_floor_plan, moved
+from modlhmp.pictures import orientation_colours
 from modlhmp.storage import atomic_path, write_text
 
 mpl.use("Agg")
@@ -41,11 +41,7 @@ _PLAN_GREYS = (255, 240, 205)  # free, unknown, occupied
 WALL_COLOUR = str(_PLAN_GREYS[2] / 255)
 _PLAN_PIXELS = 600  # of a floor plan's shorter side, at least
 
-# Cyclic colours of orientation: east blue, north orange, west red, south green.
-ORIENTATION = LinearSegmentedColormap.from_list(
-    "orientation",
-    ["#0072B2", "#7A5FA8", "#E69F00", "#C8501E", "#B03030", "#6E7A3A", "#009E73", "#00838F", "#0072B2"],
-)
+ORIENTATION = orientation_colours()
 
 mpl.rcParams.update(
     {

@@ -10,6 +10,7 @@ from modlhmp.scoring.errors import lengths_counted
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.site import Site
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits.selection import main_rows, scored_of
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
@@ -140,9 +141,11 @@ def draw_ttests(layout: Layout, datasets: Sequence[Dataset], stem: str, methods:
 
 def _several(datasets):
     """What n counts where a track is forecast several times, for notes."""
-    parts = [f" {one.title}: a forecast of each track every {one.forecast_every_s:g} s, and n counts these; tests and "
-             "intervals are over days or persons." for one in datasets if one.forecast_every_s]  # fmt: skip
-    return "".join(parts)
+    of = {one.title: f"track every {one.forecast_every_s:g} s" for one in datasets if one.forecast_every_s}
+    scenes = [one for one in datasets if one.reader == "trajnet" and not one.forecast_every_s]
+    of |= {one.title: "scene of its files, where they have scenes" for one in scenes}
+    rest = ", and n counts these; tests and intervals are over days or persons."
+    return "".join(f" {title}: a forecast of each {what}{rest}" for title, what in of.items())
 
 
 def _percentile(lengths):
@@ -191,7 +194,7 @@ def _count(row):
 def _walls(row):
     """Share [%] of the forecasts that come inside a wall, and of the true paths."""
     if not np.isfinite(row["infeasible"]):
-        return "no floor plan" if np.isfinite(row["n"]) else "not run"
+        return str(lacks.NO_PLAN) if np.isfinite(row["n"]) else "not run"
     return f"{100 * row['infeasible']:.1f} ({100 * row['truth_infeasible']:.1f})"
 
 

@@ -1,0 +1,137 @@
+"""`modlhmp forecast`."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from modlhmp.cli.app import app
+from modlhmp.cli.inputs import STREAM, read_walkers
+from modlhmp.storage import DataError
+
+
+@app.command()
+def forecast(
+    by: Annotated[
+        str, typer.Option("--map", metavar="MAP", help="A map, file or folder; or a kind that needs none: cvm.")
+    ],
+    tracks: Annotated[str, typer.Option(metavar="FILE", help="What is seen of people; - reads CSV from a stream.")],
+    horizon: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="How far [default: the horizon of the map's site]")
+    ] = None,
+    out: Annotated[
+        str, typer.Option(metavar="FILE", help="The forecasts: .csv, .parquet, .ndjson (TrajNet++); - is CSV.")
+    ] = STREAM,
+    at: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="Forecast who is there at this time, from rows up to it [default: all]"),
+    ] = None,
+    best: Annotated[bool, typer.Option("--best", help="One path for each person instead of the samples.")] = False,
+    seed: Annotated[int, typer.Option(metavar="NUMBER", help="Of the samples.")] = 0,
+    option: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the method: `modlhmp kinds NAME`.")
+    ] = None,
+    plot: Annotated[bool, typer.Option("--plot", help="Draw them, too: a picture beside the file.")] = False,
+) -> None:
+    """Forecast where people go, from what was seen of each last.
+
+    \b
+      modlhmp forecast --map hall.parquet --tracks now.csv --horizon 60 --out futures.csv --plot
+      modlhmp forecast --map hall.parquet --tracks monday.csv --at 1351040400 --best --out futures.csv
+      modlhmp forecast --map cvm --tracks - --horizon 10 < now.csv | head
+
+    Tracks: a CSV file with the columns track_id, t, x, y (s, m), a row every time step or more often, with or without
+    speed and heading (m/s, rad); a clean recording (.parquet); a dataset file (.yaml); or any file of which `modlhmp
+    inspect` can tell without doubt how it is written.
+
+    Forecasts: the columns track_id, t0 (s), sample, step (time steps after t0), x, y (m); a sample that ends has no
+    rows from then on. docs/command-line.md has the forms and the exit codes.
+    """
+    import modlhmp  # noqa: PLC0415 - other commands need none of it
+    from modlhmp.kinds import all_kinds  # noqa: PLC0415
+
+    if plot and out == STREAM:
+        raise DataError("--plot: the picture lies beside the file of forecasts; name one by --out")
+    source: Any = by if by in all_kinds() and not Path(by).exists() else modlhmp.load_map(by)
+    site = modlhmp.Site() if isinstance(source, str) else source.site
+    walkers, owners = read_walkers(tracks, site.time_step_s)
+    seen = _seen(walkers, at, site.observed_rows, tracks)
+    futures = modlhmp.forecast(source, seen, horizon, seed, **_options(option or [], seed))
+    if unknown := int((~futures.known).sum()):
+        typer.echo(f"{unknown} of {len(futures.known)} people have no forecast: the map tells nothing there", err=True)
+    _write(futures, owners, out, best)
+    if plot:
+        from modlhmp.futures_drawing import draw_futures  # noqa: PLC0415 - matplotlib
+
+        picture = Path(out).with_suffix(".png")
+        draw_futures(futures, seen, f"{by}, {tracks}", picture)
+        typer.echo(f"Written: {picture}", err=True)
+
+
+def _options(given: list[str], seed: int) -> dict[str, Any]:
+    """Options as `--option name=value` gives them; their types are checked where they are used."""
+    if seed < 0:
+        raise DataError(f"--seed {seed}: give a whole number from 0")
+    found: dict[str, Any] = {}
+    for one in given:
+        name, equals, value = one.partition("=")
+        if not equals or not name:
+            raise DataError(f"--option {one!r}: write NAME=VALUE, such as beta=2")
+        found[name] = {"true": True, "false": False}.get(value, value)
+    if "k" in found:
+        try:
+            found["k"] = int(found["k"])
+        except ValueError:
+            raise DataError(f"--option k={found['k']}: give a whole number") from None
+    return found
+
+
+def _seen(walkers: Any, at: float | None, rows: int, file: str) -> Any:
+    """What the forecasts are made from: of those who have enough rows, up to a moment."""
+    if at is not None:
+        seen = walkers.seen_by(at, rows=rows)
+        if not len(seen.t):
+            first, last = (walkers.t.min(), walkers.t.max()) if len(walkers.t) else (np.nan, np.nan)
+            raise DataError(
+                f"--at {at:.16g}: nobody in {file} has {rows} rows by then and is there; its times are {first:.16g} to "
+                f"{last:.16g} s"
+            )
+        return seen
+    counts = np.diff(walkers.bounds())
+    if (counts < rows).any():
+        typer.echo(f"{(counts < rows).sum()} of {len(counts)} people have fewer than {rows} rows: left out", err=True)
+    if not (counts >= rows).any():
+        raise DataError(f"{file}: nobody has {rows} rows, a time step apart, which a forecast is made from")
+    return walkers.take(np.repeat(counts >= rows, counts))
+
+
+def _write(futures: Any, owners: dict[int, str], out: str, best: bool) -> None:
+    """Forecasts in the form that a file's name says."""
+    from modlhmp.exchange.columns import write_columns  # noqa: PLC0415
+    from modlhmp.exchange.forecasts import long_table  # noqa: PLC0415
+    from modlhmp.exchange.trajnet import predictions_as_lines, write_lines  # noqa: PLC0415
+    from modlhmp.forecasting.base import Forecast  # noqa: PLC0415
+    from modlhmp.forecasting.ranking import best_path  # noqa: PLC0415
+    from modlhmp.settings import as_plain  # noqa: PLC0415
+
+    forecast, site = futures.forecast.samples, futures.site
+    if best:
+        alive = futures.forecast.steps_alive.max(axis=1)
+        alive = alive if futures.forecast.output == "mean" else best_path(futures.forecast)[1]
+        path = np.asarray(futures.best, np.float32)[:, None]
+        forecast = Forecast(path, np.zeros(path.shape[:3], np.float32), alive[:, None], "single")
+    suffix = ".csv" if out == STREAM else Path(out).suffix
+    if suffix not in (".csv", ".parquet", ".ndjson"):
+        raise DataError(f"--out {out}: the name must end in .csv, .parquet or .ndjson")
+    if suffix == ".ndjson":
+        frames = np.rint(futures.t0 / site.time_step_s).astype(int)
+        scenes = np.arange(len(frames))
+        write_lines(
+            predictions_as_lines(scenes, futures.track_id, frames, forecast, site.observed_rows, site.time_step_s), out
+        )
+    else:
+        table = long_table(futures.track_id, futures.t0, forecast, owners)
+        write_columns([table], out, site=as_plain(site))
+    if out != STREAM:
+        typer.echo(f"Written: {out}", err=True)

@@ -1,0 +1,92 @@
+"""What verbs read and write: tracks in any form that is beyond doubt, streams, tables."""
+
+import contextlib
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from modlhmp.cleaning import clean_recording
+from modlhmp.exchange.tracks import NEEDED, RECORDED, read_tracks_table
+from modlhmp.file_format import FileFormat, Recording
+from modlhmp.settings import check
+from modlhmp.storage import DataError
+from modlhmp.tracks import Tracks, owner_ids, owner_texts, usual_step
+
+STREAM = "-"
+STEPS_APART = (0.8, 1.25)  # of rows that need no resampling, in time steps
+
+
+def read_walkers(path: str, time_step_s: float) -> tuple[Tracks, dict[int, str]]:
+    """Tracks of a file by the `time_step_s`, and the owner's ids that are no plain numbers.
+
+    A table with columns track_id, t, x, y (`exchange.tracks`) is taken as it is where its rows are a time step apart,
+    as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), and any
+    other file whose form can be guessed without doubt; `DataError` says what is in doubt. "-" is standard input.
+    """
+    with file_of(path) as (file, shown):
+        if file.suffix in {".yaml", ".yml"}:
+            from modlhmp.api import read_tracks  # noqa: PLC0415 - the rest of the library
+
+            return read_tracks(file, data_root=os.environ.get("MODLHMP_DATA")), {}
+        try:
+            if file.suffix == ".parquet" or set(NEEDED) <= set(_header(file)):
+                tracks, names = read_tracks_table(file)
+                step = usual_step(tracks) / time_step_s
+                if file.suffix == ".parquet" or np.isnan(step) or STEPS_APART[0] <= step <= STEPS_APART[1]:
+                    return tracks, names | (owner_ids(file) if file.suffix == ".parquet" else {})
+            tracks, account = clean_recording(file, _form_of(file, shown, time_step_s), Recording())
+        except DataError as error:
+            raise DataError(str(error).replace(str(file), shown)) from None
+        return tracks, owner_texts(account.get("owners", {}))
+
+
+@contextlib.contextmanager
+def file_of(path: str) -> Iterator[tuple[Path, str]]:
+    """The file at a path and how messages call it; of "-" a copy of standard input, for as long as it is needed."""
+    if path != STREAM:
+        if not Path(path).is_file():
+            raise DataError(f"{path}: no such file")
+        yield Path(path), path
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder, "standard-input.csv")
+        with copy.open("wb") as file:
+            shutil.copyfileobj(sys.stdin.buffer, file)
+        yield copy, "standard input"
+
+
+def _form_of(file: Path, shown: str, time_step_s: float) -> FileFormat:
+    """How a file of tracks is written, if that is beyond doubt."""
+    names = _header(file)
+    if set(NEEDED) <= set(names):
+        columns = [*NEEDED, *(RECORDED if set(RECORDED) <= set(names) else ())]
+        plain = {"columns": {name: name for name in columns}, "header": True, "time_step_s": time_step_s}
+        return check(FileFormat, plain, shown)
+    from modlhmp.inspection.guess import guess  # noqa: PLC0415 - only files of others need it
+
+    remedy = (
+        "call the columns track_id, t, x, y (s, m), or describe the file once, `modlhmp inspect FILE > form.yaml`, and "
+        "give that in its place"
+    )
+    try:
+        found = guess(file)
+    except DataError as error:
+        raise DataError(f"{error}; {remedy}") from None
+    if found.asks:
+        doubts = "; ".join(f"{key}: {why}" for key, why in found.asks.items())
+        raise DataError(f"{shown}: how it is written is in doubt ({doubts}): {remedy}")
+    return check(FileFormat, {**found.keys, "time_step_s": time_step_s}, shown)
+
+
+def _header(file: Path) -> list[str]:
+    """The fields of a file's first line; nothing if it cannot be read, of which others tell."""
+    try:
+        with file.open(encoding="utf-8-sig", errors="replace") as lines:
+            return [name.strip().strip('"') for name in lines.readline(4096).split(",")]
+    except OSError:
+        return []

@@ -1,0 +1,157 @@
+"""`modlhmp live`."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+import yaml
+
+from modlhmp.cli.app import app
+from modlhmp.storage import DataError
+
+if TYPE_CHECKING:
+    from modlhmp.live import Live
+
+NO_ROW, INTERRUPTED = 3, 130  # of the status
+LEAST_EVERY_S, MOST_EVERY_S = 0.01, 3600.0
+HELP = """Forecast people as they are seen: JSON lines in, JSON lines out.
+
+\b
+ROWS is a file, or -, the input. A row says when who was where: unix s, any
+id, m; any rate, any order.
+  {"t": 1351042800.1, "id": 7, "x": 1.5, "y": -3.0}
+\b
+A forecast has everyone's path and the probability of having left, one
+entry for every time step after t0; `new` are those seen too briefly.
+  {"t0": 1351042801.0, "step_s": 1.0, "people": [{"id": 7,
+   "path": [[2.1, -3.0], ...], "left": [0.0, ...]}], "new": 0}
+\b
+A recording; and a tracker, twice a second, with cells after 10 and 20 s:
+  modlhmp live --map episodes.parquet rows.jsonl > forecasts.jsonl
+  tracker | modlhmp live --map episodes.parquet --every 0.5 \\
+      --occupancy 10,20 --latest | robot
+\b
+A moment is forecast when the first row from after it comes. A tracker can
+say that it has told everyone who was there, and wait for no row:
+  {"t": 1351042801.0}
+
+Without --latest every moment is forecast, and a reader that stalls is waited for, by the tracker as well. With it
+rows are always taken, and a reader that comes back finds the newest forecast. What becomes of rows that are late,
+repeated, impossible or no rows is in docs/live.md; they are counted on stderr.
+
+\b
+Status 0: the rows have ended, or the reader has gone. 1: the map, an
+option or the file of rows is wrong. 2: the command line is wrong.
+3: no line was a row. 130: interrupted.
+"""
+
+
+@app.command(help=HELP)
+def live(
+    map_file: Annotated[Path, typer.Option("--map", metavar="FILE", help="A map; a folder, of one by hours.")],
+    rows: Annotated[Path, typer.Argument(metavar="ROWS", hidden=True)] = Path("-"),
+    horizon: Annotated[float | None, typer.Option(metavar="S", help="How far ahead [s] [default: the map's]")] = None,
+    every: Annotated[
+        float | None, typer.Option(metavar="S", help="Forecast at multiples of so many s [default: the time step]")
+    ] = None,
+    occupancy: Annotated[
+        str, typer.Option(metavar="S,...", help="Tell which cells of 1 m are occupied after so many s.")
+    ] = "",
+    samples: Annotated[int, typer.Option(metavar="N", min=0, help="Tell so many samples of everyone.")] = 0,
+    exits: Annotated[Path | None, typer.Option(metavar="FILE", help="The ways out, for a map that is sampled.")] = None,
+    options: Annotated[
+        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An option that `modlhmp kinds KIND` lists.")
+    ] = None,
+    latest: Annotated[
+        bool, typer.Option("--latest", help="Leave forecasts out where the reader does not keep up.")
+    ] = False,
+) -> None:
+    """Forecast people as they are seen; the help is `HELP`."""
+    from modlhmp.live_lines import Newest, batches, forecasts, text_of, write_all  # noqa: PLC0415 - as other verbs do
+
+    forecaster = _forecaster(map_file, horizon, exits, options or [])
+    at_s, every_s = _moments(forecaster, occupancy), _every(forecaster, every)
+    source = _opened(rows)
+    forecaster.warm_up()
+    newest, status = Newest(1) if latest else None, 0
+    try:
+        for t0, futures in forecasts(forecaster, batches(source), every_s, latest, _told_once()):
+            line = text_of(t0, futures, forecaster, samples, at_s)
+            newest.put(line) if newest else write_all(1, line)
+        if newest:
+            newest.close()
+    except BrokenPipeError:
+        pass
+    except OSError as error:
+        raise DataError(
+            f"{rows}: {error.strerror}; are the rows a file, and is there room for the forecasts?"
+        ) from None
+    except KeyboardInterrupt:
+        status = INTERRUPTED
+    counts = {**forecaster.counts, **({"skipped": newest.skipped} if newest else {})}
+    typer.echo(", ".join(f"{name} {number}" for name, number in counts.items() if number) or "no rows", err=True)
+    if not status and counts["bad"] and not counts["taken"]:
+        status = NO_ROW
+    if status:
+        raise typer.Exit(status)
+
+
+def _forecaster(map_file: Path, horizon_s: float | None, exits: Path | None, options: list[str]) -> "Live":
+    """The `Live` of what was said."""
+    from modlhmp.api import load_map  # noqa: PLC0415 - as other verbs do
+    from modlhmp.live import Live  # noqa: PLC0415
+
+    given: dict[str, Any] = {}
+    for one in options:
+        name, equals, value = one.partition("=")
+        if not equals or name in {"", "by", "horizon_s", "key", "site", "exits"}:  # not of a method
+            raise DataError(f"--set {one!r}: give NAME=VALUE, such as k=20")
+        try:
+            given[name] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise DataError(f"--set {one!r}: {value!r} is no number and no word") from None
+    ways_out = None if exits is None else load_map(exits)
+    return Live(load_map(map_file), horizon_s, **{"exits": ways_out, **given})
+
+
+def _moments(forecaster: "Live", listed: str) -> list[float]:
+    """The seconds of `--occupancy`; `DataError` for one that is not forecast."""
+    from modlhmp.futures import whole_steps  # noqa: PLC0415
+
+    try:
+        at_s = [float(one) for one in listed.split(",") if one.strip()]
+    except ValueError:
+        raise DataError(f"--occupancy {listed!r}: give seconds, such as 10,20") from None
+    for one in at_s:
+        whole_steps("--occupancy", one, forecaster.site, forecaster.horizon_s)
+    return at_s
+
+
+def _every(forecaster: "Live", every_s: float | None) -> float:
+    """The seconds between forecasts."""
+    every_s = forecaster.site.time_step_s if every_s is None else every_s
+    if not LEAST_EVERY_S <= every_s <= MOST_EVERY_S:
+        raise DataError(f"--every {every_s:g}: give {LEAST_EVERY_S:g} to {MOST_EVERY_S:g} s")
+    return every_s
+
+
+def _opened(rows: Path) -> int:
+    """The file descriptor of the rows."""
+    try:
+        return 0 if str(rows) == "-" else os.open(rows, os.O_RDONLY)
+    except OSError as error:
+        raise DataError(f"{rows}: cannot be read ({error.strerror}); give a file of rows, or - for the input") from None
+
+
+def _told_once() -> Callable[[int, bytes], None]:
+    """What tells of the first line that is no row, and of no other."""
+    told: list[int] = []
+
+    def problem(number: int, line: bytes) -> None:
+        if not told:
+            told.append(number)
+            typer.echo(f"line {number}: no row: {line[:100].decode(errors='replace')}; others are counted", err=True)
+
+    return problem

@@ -1,0 +1,108 @@
+"""`modlhmp score`."""
+
+import csv
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from modlhmp.cli.app import app
+from modlhmp.cli.inputs import file_of, read_walkers
+from modlhmp.storage import DataError
+
+
+@app.command()
+def score(
+    forecasts: Annotated[
+        str,
+        typer.Argument(metavar="FORECASTS", help="A table, .csv or .parquet, - a stream; or a folder of a hand-in."),
+    ],
+    tracks: Annotated[
+        str, typer.Option(metavar="FILE", help="What people did: their whole tracks; of a hand-in the dataset file.")
+    ],
+    path: Annotated[
+        Literal["likeliest", "mean", "geometric_median"],
+        typer.Option(help="How one path comes out of several samples; a hand-in says it itself."),
+    ] = "likeliest",
+    time_step: Annotated[
+        float, typer.Option(metavar="SECONDS", help="Of the forecasts; a dataset file says it.")
+    ] = 1.0,
+    data_root: Annotated[
+        Path | None, typer.Option(help="Folder of the recordings [default: MODLHMP_DATA, or data]")
+    ] = None,
+    split: Annotated[
+        Literal["test", "validation", "train"], typer.Option(help="Of the dataset file: what was exported.")
+    ] = "test",
+) -> None:
+    """Score forecasts against what people did, under both protocols, or check a hand-in before a run.
+
+    \b
+      modlhmp score futures.csv --tracks monday.csv
+      modlhmp score theirs/ --tracks config/datasets/atc.yaml --data-root ~/recordings
+      modlhmp forecast --map cvm --tracks monday.csv --at 1351040400 | modlhmp score - --tracks monday.csv
+
+    The output is a table: protocol, output, horizon_s, ade_m, fde_m, n, eligible. n people of those eligible, who were
+    there for so long, are scored. Under `complete` all are, ended forecasts being held; under `paper` those whose
+    forecast had not ended. docs/command-line.md has the forms and the exit codes.
+    """
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    if Path(forecasts).is_dir():
+        from modlhmp.tasks import Row, score_hand_in  # noqa: PLC0415 - other commands need none of it
+
+        root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
+        handed, rows = score_hand_in(forecasts, tracks, root, split)
+        typer.echo(handed.coverage(), err=True)
+        writer.writerow(Row._fields)
+        writer.writerows((*row[:2], *(f"{one:.6g}" for one in row[2:])) for row in rows)
+        return
+    writer.writerow(("protocol", "output", "horizon_s", "ade_m", "fde_m", "n", "eligible"))
+    for protocol, output, horizon_s, found in _scores(forecasts, tracks, path, time_step):
+        numbers = (horizon_s, found["ade_m"], found["fde_m"], found["n"], found["eligible"])
+        writer.writerow((protocol, output, *(f"{one:.6g}" for one in numbers)))
+
+
+def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float) -> Any:
+    """(protocol, output, horizon, means) of a table of forecasts of tracks."""
+    import numpy as np  # noqa: PLC0415
+
+    import modlhmp  # noqa: PLC0415
+    from modlhmp.exchange.forecasts import forecast_of, read_samples  # noqa: PLC0415
+    from modlhmp.scoring.horizons import scored_horizons  # noqa: PLC0415
+    from modlhmp.scoring.protocols import PROTOCOLS  # noqa: PLC0415
+
+    with file_of(forecasts) as (file, shown):
+        try:
+            samples = read_samples(file, time_step_s)
+        except DataError as error:
+            raise DataError(str(error).replace(str(file), shown)) from None
+    if not len(samples.track_id):
+        raise DataError(f"{shown}: it has no forecasts")
+    truth, _ = read_walkers(tracks, time_step_s)
+    start = np.array([_start(truth, samples, place, shown, tracks) for place in range(len(samples.t0))])
+    steps = int(samples.steps.max())
+    site = modlhmp.Site(time_step_s=time_step_s, horizon_s=steps * time_step_s)
+    forecast = forecast_of(samples, np.arange(len(start)), start, steps, path)
+    futures = modlhmp.Futures(samples.track_id, samples.t0, start, forecast, site)
+    for protocol in PROTOCOLS:
+        found = modlhmp.score(futures, truth, protocol)
+        for horizon_s in scored_horizons(None, site):
+            yield protocol, found.output, horizon_s, found.at(horizon_s)
+
+
+def _start(truth: Any, samples: Any, place: int, shown: str, tracks: str) -> tuple[float, float]:
+    """Where the person of a forecast was at t0."""
+    import numpy as np  # noqa: PLC0415
+
+    mine = np.flatnonzero(truth.track_id == samples.track_id[place])
+    where = f"{shown}, row {samples.line[place]}: track {samples.name(place)}"
+    if not len(mine):
+        raise DataError(f"{where}: nobody of that id is in {tracks}; are they of the same recording?")
+    row = mine[np.abs(truth.t[mine] - samples.t0[place]).argmin()]
+    if abs(truth.t[row] - samples.t0[place]) > 1e-3:
+        raise DataError(
+            f"{where}: t0 {samples.t0[place]:.16g}: that track has no row then in {tracks} (the nearest is at "
+            f"{truth.t[row]:.16g}); t0 is the time of a person's last observed row"
+        )
+    return truth.x[row], truth.y[row]

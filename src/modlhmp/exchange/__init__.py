@@ -1,0 +1,1 @@
+"""Other people's forms of maps (`maps`), tracks and forecasts, in and out."""

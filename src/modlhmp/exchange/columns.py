@@ -1,0 +1,120 @@
+"""Tables with named columns, as CSV or Parquet: read strictly, each fault with its row; written with all digits."""
+
+import re
+import sys
+from collections.abc import Collection, Iterable, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pc
+from pyarrow import compute
+
+from modlhmp.settings import unknown
+from modlhmp.storage import DataError, atomic_path, read_parquet, write_pieces
+
+STREAM = "-"  # in place of a path: standard input or output
+
+
+def read_columns(path: str | Path, types: Mapping[str, pa.DataType], empty: Collection[str] = ()) -> pa.Table:
+    """The table in a .parquet file or a CSV file with a header, its columns of these types; others are refused.
+
+    `path` "-" is CSV from standard input. Columns `empty` are NaN where they have no value; others must have all. Rows
+    are counted as lines, those of Parquet from 1 (`line_of`). `DataError` names the file, the row, the value and the
+    remedy.
+    """
+    table = _parquet(path, types) if Path(path).suffix == ".parquet" else _csv(path, types)
+    for name in table.column_names:
+        if table.column_names.count(name) > 1:
+            raise DataError(f"{path}: two columns are called {name}; keep one")
+        if name not in types:
+            raise DataError(unknown(str(path), "column", name, types))
+    for place, name in enumerate(table.column_names):
+        values = table[name]
+        if name in empty:
+            table = table.set_column(place, name, values.fill_null(float("nan")))
+        elif values.null_count:
+            row = int(np.argmax(values.is_null().to_numpy()))
+            raise DataError(
+                f"{path}, row {line_of(path, row)}: {name} is empty or NaN; leave a row out where there is nothing"
+            )
+    return table
+
+
+def line_of(path: str | Path, row: int) -> int:
+    """How the row at an index is counted: as the file's line, from 1, or, of Parquet, among its rows from 1."""
+    return row + (1 if Path(path).suffix == ".parquet" else 2)
+
+
+def write_columns(tables: Iterable[pa.Table], path: str | Path | IO[bytes], **provenance: Any) -> None:
+    """Write tables of one form as one, Parquet (with `provenance` in its metadata) or CSV by the name's end.
+
+    `path` "-" is CSV to standard output. Numbers have as many digits as it takes to read them back unchanged.
+    """
+    if path == STREAM:
+        return _write_csv(tables, sys.stdout.buffer)
+    if not isinstance(path, str | Path):
+        return _write_csv(tables, path)
+    if Path(path).suffix == ".parquet":
+        return write_pieces(tables, path, **provenance)
+    with atomic_path(path) as temporary, open(temporary, "wb") as file:
+        return _write_csv(tables, file)
+
+
+def _write_csv(tables: Iterable[pa.Table], file: IO[bytes]) -> None:
+    begun = False
+    for table in tables:
+        if not begun:
+            file.write((",".join(table.column_names) + "\n").encode())
+            begun = True
+        pc.write_csv(table, file, pc.WriteOptions(include_header=False))
+    file.flush()
+
+
+def _csv(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
+    source: Any = sys.stdin.buffer if path == STREAM else str(path)
+    try:
+        return pc.read_csv(
+            source,
+            pc.ReadOptions(use_threads=False),  # so that errors say the row
+            pc.ParseOptions(ignore_empty_lines=False),
+            pc.ConvertOptions(column_types=types),
+        )
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file") from None
+    except (OSError, pa.ArrowInvalid) as error:
+        raise DataError(_explained(path, str(error), list(types))) from None
+
+
+def _explained(path: str | Path, error: str, names: list[str]) -> str:
+    """Arrow's words about a CSV file as ours."""
+    row = f", row {found[1]}" if (found := re.search(r"Row #(\d+)", error)) else ""
+    if found := re.search(r"CSV column #(\d+).*invalid value '(.*)'", error):
+        column = _header(path)[int(found[1])] if path != STREAM else f"column {int(found[1]) + 1}"
+        return f"{path}{row}: {column} {found[2]!r} is not a number; correct it, or leave the row out"
+    if found := re.search(r"Expected (\d+) columns, got (\d+)", error):
+        return f"{path}{row}: {found[2]} fields where the header has {found[1]}; correct the row"
+    return f"{path}{row}: no CSV with the columns {', '.join(names)} ({error})"
+
+
+def _header(path: str | Path) -> list[str]:
+    with open(path, encoding="utf-8-sig", errors="replace") as file:
+        return [name.strip('"') for name in file.readline().rstrip("\r\n").split(",")]
+
+
+def _parquet(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
+    table = read_parquet(path)
+    for place, field in enumerate(table.schema):
+        wanted = types.get(field.name, field.type)
+        if pa.types.is_nested(field.type) or (pa.types.is_floating(wanted) and _is_text(field.type)):
+            raise DataError(f"{path}: column {field.name} is {field.type}; numbers are needed")
+        values = table.column(place)
+        if pa.types.is_floating(field.type):
+            values = compute.if_else(compute.is_nan(values), None, values)
+        table = table.set_column(place, field.name, values.cast(wanted))
+    return table
+
+
+def _is_text(of: pa.DataType) -> bool:
+    return pa.types.is_string(of) or pa.types.is_large_string(of) or pa.types.is_dictionary(of)

@@ -1,0 +1,91 @@
+"""Rows of numbers of other people's text files: every row as long as the first, every field a finite number."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from modlhmp.readers.numerals import number
+from modlhmp.storage import DataError
+
+LFS = b"version https://git-lfs"  # how a pointer begins that Git LFS leaves in a file's place
+
+
+class Source(NamedTuple):
+    """What is read: a file's name, for messages, its bytes, and the origin [m] of the map's frame in the file's."""
+
+    name: str
+    data: bytes
+    origin: tuple[float, float] = (0.0, 0.0)
+
+
+class Rows(NamedTuple):
+    """Numbers [n, columns], the number of each row in the file [n] from 1, and the header's names, if it has one."""
+
+    values: np.ndarray
+    number: np.ndarray
+    header: tuple[str, ...]
+
+
+def check_content(source: Source) -> None:
+    """`DataError` for what is not a map's content at all."""
+    where, data, _ = source
+    if data.startswith(LFS):
+        raise DataError(f"{where}: a pointer of Git LFS, not the file: run `git lfs pull` where it was cloned")
+    if not data.strip():
+        raise DataError(f"{where}: the file is empty")
+
+
+def text_of(source: Source) -> str:
+    """A file as text without a byte order mark."""
+    check_content(source)
+    try:
+        return source.data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise DataError(f"{source.name}: not a text file (byte {error.start}), nor Parquet") from None
+
+
+def read_rows(source: Source) -> Rows:
+    """The numbers of a comma-separated file, with or without a header; blank lines are skipped.
+
+    `DataError` names the row and column of what is no number, is not finite, or of a row of another length.
+    """
+    where = source.name
+    header: tuple[str, ...] = ()
+    values: list[list[float]] = []
+    numbers: list[int] = []
+    for row, line in enumerate(text_of(source).splitlines(), 1):
+        if not line.strip():
+            continue
+        fields = [field.strip().strip('"') for field in line.split(",")]
+        if not values and not header and all(number(field) is None for field in fields):
+            header = tuple(fields)
+            continue
+        width = len(values[0]) if values else len(header)
+        if width and len(fields) != width:
+            raise DataError(
+                f"{where}: row {row} has {len(fields)} columns, the rows before it {width}; is it damaged, or are "
+                "two files in one?"
+            )
+        values.append([finite(field, f"{where}: row {row}, column {at}") for at, field in enumerate(fields, 1)])
+        numbers.append(row)
+    if not values:
+        raise DataError(f"{where}: it has no rows: the map is empty; was it built from enough data?")
+    return Rows(np.array(values), np.array(numbers), header)
+
+
+def finite(field: str, where: str) -> float:
+    """The finite number that a text is; `DataError` that begins with `where`."""
+    value = number(field)
+    if value is None:
+        hint = " (columns are separated by commas)" if {";", "\t"} & set(field) else ""
+        raise DataError(f"{where}: {field[:60]!r} is not a number{hint}")
+    if not np.isfinite(value):
+        raise DataError(f"{where}: {field!r} is not a finite number; leave that component out")
+    return value
+
+
+def table_text(columns: list[np.ndarray], header: tuple[str, ...] = ()) -> str:
+    """Rows of numbers as comma-separated text with 9 significant digits, which every float32 survives."""
+    lines = [",".join(header)] if header else []
+    lines += [",".join(f"{value:.9g}" for value in row) for row in np.column_stack(columns).tolist()]
+    return "\n".join(lines) + "\n"

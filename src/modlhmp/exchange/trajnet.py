@@ -1,0 +1,124 @@
+"""TrajNet++'s JSON lines: scenes, positions of people, and predictions; what `readers.trajnet` reads as recordings.
+
+    {"scene": {"id": 0, "p": 0, "s": 0, "e": 63, "fps": 1.0, "tag": 0}}
+    {"track": {"f": 3, "p": 0, "x": 1.25, "y": -2.5}}
+    {"track": {"f": 4, "p": 0, "x": 1.5, "y": -2.5, "prediction_number": 0, "scene_id": 0}}
+
+A frame is a time step, `s` and `e` are a scene's first and last frame, `p` is its primary person, whose future is
+predicted. Positions are in m. The form has no probabilities and no clock.
+P. Kothari, S. Kreiss, A. Alahi, Human trajectory forecasting in crowds, IEEE T-ITS 2022.
+"""
+
+import itertools
+import json
+import math
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from modlhmp.exchange.forecasts import Rows
+from modlhmp.forecasting.base import Forecast
+from modlhmp.readers.raw import line_blocks
+from modlhmp.storage import DataError, write_text
+from modlhmp.tracks import Tracks
+
+FIELDS = ("f", "p", "x", "y", "prediction_number", "scene_id")
+
+
+def write_lines(lines: Iterable[str], path: str | Path) -> None:
+    """Write lines as a file."""
+    write_text(path, "".join(f"{line}\n" for line in lines))
+
+
+def scene_line(number: int, person: int, first: int, last: int, step_s: float) -> str:
+    """A scene of the frames `first` to `last`."""
+    scene = {"id": number, "p": person, "s": first, "e": last, "fps": round(1 / step_s, 6), "tag": 0}
+    return json.dumps({"scene": scene})
+
+
+def track_lines(person: int, first: int, xy: np.ndarray, **of_prediction: int) -> Iterator[str]:
+    """Positions [rows, 2] of a person from a frame on; NaN is left out. `of_prediction`: its number and its scene."""
+    for frame, (x, y) in enumerate(xy.tolist(), first):
+        if not math.isnan(x):
+            yield json.dumps({"track": {"f": frame, "p": person, "x": x, "y": y, **of_prediction}})
+
+
+def tracks_as_lines(tracks: Tracks, step_s: float) -> Iterator[str]:
+    """Whole tracks, a scene each; a frame is a time step from the first row of all, so times are rounded to these."""
+    if not len(tracks.t):
+        return
+    frames = np.rint((tracks.t - tracks.t.min()) / step_s).astype(int).tolist()
+    for number, (begin, end) in enumerate(itertools.pairwise(tracks.bounds().tolist())):
+        yield scene_line(number, int(tracks.track_id[begin]), frames[begin], frames[end - 1], step_s)
+    for frame, person, x, y in zip(frames, tracks.track_id.tolist(), tracks.x.tolist(), tracks.y.tolist(), strict=True):
+        yield json.dumps({"track": {"f": frame, "p": person, "x": x, "y": y}})
+
+
+def predictions_as_lines(
+    scene: np.ndarray, person: np.ndarray, at_t0: np.ndarray, forecast: Forecast, observed_rows: int, step_s: float
+) -> Iterator[str]:
+    """Futures of n walkers, each the primary `person` [n] of a `scene` [n] whose frame at t0 is `at_t0` [n].
+
+    What a future gives once it has stopped is left out. Numbers are those of float32.
+    """
+    steps = forecast.xy.shape[2]
+    for row, (number, whose, frame) in enumerate(zip(scene.tolist(), person.tolist(), at_t0.tolist(), strict=True)):
+        yield scene_line(number, whose, frame - observed_rows + 1, frame + steps, step_s)
+        for future, lived in enumerate(forecast.steps_alive[row].tolist()):
+            xy = forecast.xy[row, future, :lived]
+            short = np.array([float(str(one)) for one in xy.ravel()]).reshape(-1, 2)  # no digits that float32 lacks
+            yield from track_lines(whose, frame + 1, short, prediction_number=future, scene_id=number)
+
+
+def read_predictions(path: str | Path, observed_rows: int, steps: int) -> Rows:
+    """The predictions of a task's primary persons, whose number is their scene's, as rows of the long form.
+
+    Scene n of a task has the frames n * (observed + future steps) on. Rows of others and rows that are no prediction
+    are left out. `DataError` names the file, the row, the value and the remedy.
+    """
+    found: list[tuple[float, ...]] = []
+    number = 0
+    for block in line_blocks(path):
+        for line in block.removesuffix(b"\n").split(b"\n"):
+            number += 1
+            found += _one_line(path, number, line)
+    if not found:
+        raise DataError(
+            f'{path}: no predictions; their lines are {{"track": {{{", ".join(f"{name!r}: ..." for name in FIELDS)}}}}}'
+        )
+    line, frame, x, y, sample, scene = np.array(found, float).T
+    scenes = scene.astype(np.int64)
+    step = frame - scenes * (observed_rows + steps) - observed_rows + 1
+    outside = (step < 1) | (step > steps)
+    if outside.any():
+        row = int(np.argmax(outside))
+        first = int(scenes[row] * (observed_rows + steps) + observed_rows)
+        raise DataError(
+            f"{path}, row {int(line[row])}: frame {frame[row]:g}: the future of scene {scenes[row]} begins one frame "
+            f"after t0 and lasts {steps} frames, from {first} to {first + steps - 1}; predict these"
+        )
+    zero, unknown = np.zeros(len(line)), np.full(len(line), np.nan)
+    return Rows(scenes, zero, sample, unknown, step, x, y, line.astype(np.int64), {})
+
+
+def _one_line(path: str | Path, number: int, line: bytes) -> Iterator[tuple[float, ...]]:
+    """The row of one line, if it is a primary's prediction."""
+    if not line.strip():
+        return
+    where = f"{path}, row {number}"
+    try:
+        track = json.loads(line).get("track")
+    except (ValueError, AttributeError, RecursionError):
+        raise DataError(f"{where}: {line[:80].decode(errors='replace')!r} is no JSON object; correct it") from None
+    if not isinstance(track, dict) or "prediction_number" not in track:
+        return
+    for name in FIELDS:
+        if not isinstance(track.get(name), int | float) or isinstance(track[name], bool):
+            raise DataError(f"{where}: {name} {track.get(name)!r} of a prediction is no number; correct it")
+    if not np.isfinite([float(track[name]) for name in FIELDS]).all():
+        raise DataError(f"{where}: {line[:120].decode(errors='replace')!r}: NaN; a future that has ended has no rows")
+    if track["scene_id"] != int(track["scene_id"]):
+        raise DataError(f"{where}: scene_id {track['scene_id']!r} is no whole number; it is a scene of the task")
+    if track["p"] == track["scene_id"]:
+        yield (number, *(float(track[name]) for name in ("f", "x", "y", "prediction_number", "scene_id")))

@@ -1,0 +1,145 @@
+"""What no option of a dataset file reads, answered with what to do about it."""
+
+import re
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from modlhmp.file_format import LENGTH_M
+from modlhmp.inspection.roles import Columns, Values, name_and_unit, one_person, pace_of
+from modlhmp.inspection.sheet import Sheet
+from modlhmp.readers.raw import People
+from modlhmp.speed_units import EXTENT_M, USUAL_MPS, extent_of
+from modlhmp.storage import DataError
+from modlhmp.tracks import Tracks, usual_step
+
+PIXEL_M = (0.01, 0.06)  # of cameras that see a place
+_DEGREES = {"lat", "latitude", "lon", "long", "lng", "longitude"}
+_LONGER = {"minutes": 60.0, "hours": 3600.0, "days": 86_400.0}  # units of time that there is no option for
+_NAMES_OF = {"min": "minutes", "mins": "minutes", "minute": "minutes", "hour": "hours", "hrs": "hours", "day": "days"}
+_CLOCK = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
+_OF_A_SECOND = re.compile(r"(nanosec|nsec|nanosecond)s?$")
+_NUMBERED = re.compile(r"(?:pos)?([xy])(\d+)", re.IGNORECASE)
+_SPREADSHEET = (20_000, 80_000)  # days since the last of 1899: of the years 1954 to 2119
+_FINE = 0.02  # units of time between rows: in seconds 50 times a second, in minutes about once
+_WALKS_MPS = (0.3, 3.0)
+
+
+def refuse_times_in_two(path: str | Path | People, sheet: Sheet, values: Values) -> None:
+    """`DataError` where a column holds what times have beyond whole seconds."""
+    for column, name in enumerate(sheet.names):
+        part = values.numbers[:, column]
+        if _OF_A_SECOND.search(re.sub(r"[^a-z]", "", name.lower())) and np.nanmax(part, initial=0) < 1e9:
+            raise DataError(
+                f"{path}: column {sheet.called(column)!r} holds what times have beyond whole seconds: add them up into "
+                "one column"
+            )
+
+
+def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Values) -> NoReturn:
+    """`DataError` for a table in which no choice of id, time, x and y gives people who move."""
+    if _people_in_a_line(sheet):
+        raise DataError(
+            f"{path}: columns {', '.join(map(repr, sheet.names[:5]))} are of several people: write one row for each "
+            "person and time, with the person's id in a column"
+        )
+    if one_person(sheet, values) is not None:
+        raise DataError(
+            f"{path}: has no column of ids: if every file is one person's, inspect its folder "
+            "(`modlhmp inspect FOLDER`); else say `columns` in a dataset file"
+        )
+    shown = "; ".join(" ".join(row) for row in sheet.rows[:2])[:120]
+    raise DataError(
+        f"{path}: no choice of id, time, x and y among its {len(sheet.rows[0])} columns gives people who move "
+        f"(rows such as {shown!r}): are ids in a column of their own? Say `columns` in a dataset file"
+    )
+
+
+def refuse_unfit(path: str | Path | People, sheet: Sheet, values: Values, columns: Columns, rows: Tracks) -> None:
+    """`DataError` for times or positions that no option reads; `rows` are the table's in its own units."""
+    if told := _of_times(sheet, values, columns, rows) or _of_places(sheet, values, columns, rows):
+        raise DataError(f"{path}: {told}")
+
+
+def _people_in_a_line(sheet):
+    """Whether names are x1, y1, x2, y2, x3, y3: a line holds several people."""
+    numbered = [match for name in sheet.names if (match := _NUMBERED.fullmatch(name.strip()))]
+    axes = {axis: {match[2] for match in numbered if match[1].lower() == axis} for axis in "xy"}
+    return min(len(of_axis) for of_axis in axes.values()) > 2 or axes == {"x": {"0", "1"}, "y": {"0", "1"}}
+
+
+def _of_times(sheet, values, columns, rows):
+    """What is wrong with the times; empty where nothing is."""
+    clock = values.numbers[:, columns.t]
+    texts = [row[columns.t] for row in sheet.rows]
+    other = next((c for c in range(values.numbers.shape[1]) if c != columns.t and _are_clock_times(sheet, c)), None)
+    if other is not None and len(set(texts)) < 0.01 * len(texts) + 2:
+        return (
+            f"dates are in column {sheet.called(columns.t)!r} and times, such as {sheet.rows[0][other]!r}, in "
+            f"{sheet.called(other)!r}: write both into one column, 2026-03-02T09:00:00.5"
+        )
+    if not np.isfinite(clock).any():
+        return (
+            f"times such as {texts[0]!r} are neither numbers nor ISO 8601 (2026-03-02T09:00:00.5, with or without "
+            "+01:00): rewrite that column"
+        )
+    if columns.t in values.iso or not len(rows.t):
+        return ""
+    unit = _long_unit(sheet, columns, rows)
+    if not unit:
+        return ""
+    middle = float(np.nanmedian(clock))
+    if unit == "days" and _SPREADSHEET[0] < middle < _SPREADSHEET[1]:
+        when = datetime(1899, 12, 30) + timedelta(days=float(np.nanmin(clock)))
+        return (
+            f"times such as {texts[0]} are days, as spreadsheets count them ({when:%Y-%m-%d %H:%M:%S}): write that "
+            "column as 2026-03-02T09:00:00.5, or in seconds"
+        )
+    return f"times such as {texts[0]} are in {unit}, for which there is no unit: write that column in seconds"
+
+
+def _are_clock_times(sheet, column):
+    return all(_CLOCK.fullmatch(row[column]) for row in sheet.rows[:50])
+
+
+def _long_unit(sheet, columns, rows):
+    """The unit of times in minutes or longer, by its name or where only this gives people who walk; empty else."""
+    name = name_and_unit(sheet.names[columns.t])[0] if columns.t < len(sheet.names) else ""
+    if named := _NAMES_OF.get(name, name if name in _LONGER else ""):
+        return named
+    if not 0 < usual_step(rows) < _FINE:
+        return ""
+    pace, extent = pace_of(rows), extent_of(rows)
+    lengths = [*LENGTH_M.values(), *([USUAL_MPS / pace] if pace and PIXEL_M[0] < USUAL_MPS / pace < PIXEL_M[1] else [])]
+    if any(_WALKS_MPS[0] < pace * metres < _WALKS_MPS[1] and extent * metres > EXTENT_M[0] for metres in lengths):
+        return ""
+    return next((unit for unit, per in _LONGER.items() if _WALKS_MPS[0] < pace / per < _WALKS_MPS[1]), "")
+
+
+def _of_places(sheet, values, columns, rows):
+    """What is wrong with the positions; empty where nothing is."""
+    for column in (columns.x, columns.y):
+        bad = [row[column] for row in sheet.rows if sheet.number(row[column]) is None]
+        if len(bad) > 0.2 * len(sheet.rows) and len(set(bad)) > 3:  # one text would stand for "not seen"
+            return (
+                f"positions such as {bad[0]!r} in column {sheet.called(column)!r} are no numbers: rewrite that column"
+            )
+    names = {name_and_unit(sheet.names[column])[0] for column in (columns.x, columns.y) if column < len(sheet.names)}
+    if names & _DEGREES or _are_degrees(rows):
+        called = " and ".join(repr(sheet.called(column)) for column in (columns.x, columns.y))
+        return (
+            f"columns {called} are degrees of longitude and latitude: project them to metres first, such as those of "
+            "the place's UTM zone"
+        )
+    return ""
+
+
+def _are_degrees(rows):
+    """Whether positions are of a globe: far from zero compared with how far they reach, which is hardly anything."""
+    if not len(rows.t):
+        return False
+    sides = [float(np.quantile(part, 0.98) - np.quantile(part, 0.02)) for part in (rows.x, rows.y)]
+    middles = sorted(abs(float(np.median(part))) for part in (rows.x, rows.y))
+    return 0 < max(sides) < 0.05 and middles[0] <= 90 and middles[1] <= 180 and middles[1] > 20 * max(sides)

@@ -1,0 +1,214 @@
+"""`Live` over two streams of JSON lines: rows in, forecasts out, at moments that are multiples of so many seconds.
+
+A row is `{"t": 1351042800.1, "id": 7, "x": 1.5, "y": -3.0}`; one without `id` says that it is t now, and that everyone
+who has been seen by then has been told. A moment is forecast once a row from after it comes, or a row without `id` from
+then or after. Of several moments that one row passes only the last is forecast.
+"""
+
+import copy
+import json
+import math
+import os
+import select
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from modlhmp.forecasting.occupancy import Occupancy, counted_steps
+from modlhmp.futures import Futures
+from modlhmp.live import Live, is_row
+
+MOST_BYTES = 65_536  # of a line
+LEAST_SHOWN = 0.01  # probability of a cell
+Row = tuple[float, Any, float, float]
+
+
+def batches(source: int) -> Iterator[list[bytes]]:
+    """The lines of a file descriptor, as many as come at once; of one that is too long, its beginning."""
+    rest = b""
+    while chunk := os.read(source, MOST_BYTES):
+        *lines, rest = (rest + chunk).split(b"\n")
+        yield lines
+        rest = rest[: MOST_BYTES + 1]
+    yield [rest]
+
+
+def row_of(line: bytes) -> Row | None:
+    """t, id, x, y of a line, the id None where time alone is told; None where the line is neither."""
+    try:
+        read = json.loads(line, parse_constant=_not_a_number) if len(line) <= MOST_BYTES else None
+    except (ValueError, RecursionError):
+        return None
+    if not isinstance(read, dict):
+        return None
+    t, who, x, y = (read.get(name) for name in ("t", "id", "x", "y"))  # type: Any, Any, Any, Any
+    if who is None and is_row(t, 0, 0.0, 0.0):
+        return float(t), None, 0.0, 0.0
+    return (float(t), who, float(x), float(y)) if is_row(t, who, x, y) else None
+
+
+def _not_a_number(name: str) -> float:
+    raise ValueError(f"{name} is no number of JSON")
+
+
+class Moments:
+    """Which moments have come: multiples of `every_s`, each once."""
+
+    def __init__(self, every_s: float) -> None:
+        self.every_s, self.last = every_s, math.nan
+
+    def passed(self, t: float, reached: bool = False) -> float | None:
+        """The newest moment before `t`, or, `reached`, at `t`, if it is a new one."""
+        count = math.floor(t / self.every_s + 1e-6) if reached else math.ceil(t / self.every_s - 1e-6) - 1
+        if math.isnan(self.last) and not reached:
+            self.last = count  # nothing was seen before the first row
+        if count <= self.last:
+            return None
+        self.last = count
+        return count * self.every_s
+
+
+def forecasts(
+    live: Live,
+    source: Iterable[Sequence[bytes]],
+    every_s: float,
+    latest: bool = False,
+    problem: Callable[[int, bytes], None] = lambda number, line: None,
+) -> Iterator[tuple[float, Futures]]:
+    """(t0, futures) at every moment that has come; with `latest` at most one for each batch of lines, the newest.
+
+    `problem` is told the number, from 1, and the text of a line that is none.
+    """
+    moments, number = Moments(every_s), 0
+    for lines in source:
+        rows: list[Row] = []
+        for line in lines:
+            number += 1
+            row = row_of(line) if line.strip() else None
+            if row is not None:
+                rows.append(row)
+            elif line.strip():
+                live.counts["bad"] += 1
+                problem(number, line)
+        chosen = _last_due(rows, copy.copy(moments)) if latest else None
+        for place, (t, who, x, y) in enumerate(rows):
+            moment = moments.passed(t, reached=who is None)
+            if moment is not None and chosen in (None, place):
+                yield moment, live.forecast(moment)
+            turns = live.counts["clock_set_back"]
+            if who is None:
+                live.pass_time(t)
+            else:
+                live.see(t, who, x, y)
+            if live.counts["clock_set_back"] > turns:
+                moments = Moments(every_s)
+    moment = moments.passed(live.now, reached=True) if math.isfinite(live.now) else None
+    if moment is not None:
+        yield moment, live.forecast(moment)
+
+
+def _last_due(rows: Sequence[Row], moments: Moments) -> int:
+    """Place of the last row that a moment has come with; -1 where there is none."""
+    due = [place for place, row in enumerate(rows) if moments.passed(row[0], reached=row[1] is None) is not None]
+    return due[-1] if due else -1
+
+
+def text_of(
+    t0: float, futures: Futures, live: Live, samples: int = 0, at_s: Sequence[float] = (), cell_m: float = 1.0
+) -> str:
+    """A forecast as a line of JSON, without its end.
+
+    Of everyone the id, `path` (`futures.best`, a position in m for every `step_s` s after `t0`) and `left`, the
+    probability of having left by then; so many `samples`, each as long as it is under way; and for each moment of
+    `at_s` [s] the cells of `cell_m` that are occupied with a probability p of a hundredth or more: [x, y, p] with the
+    cell's centre. How many are there of whom too little is known yet is `new`.
+    """
+    steps = counted_steps(futures.forecast.samples)
+    left = (steps[:, :, None] < np.arange(1, len(futures.times_s) + 1)).mean(axis=1)
+    people: list[dict[str, Any]] = [
+        {"id": live.who[who], "path": path, "left": gone}
+        for who, path, gone in zip(futures.track_id.tolist(), _rounded(futures.best, 3), _rounded(left, 3), strict=True)
+    ]
+    for number, one in enumerate(people):
+        if samples:
+            lived = steps[number, :samples].tolist()
+            paths = _rounded(futures.paths[number, :samples], 3)
+            one["samples"] = [path[:there] for path, there in zip(paths, lived, strict=True)]
+    told: dict[str, Any] = {"t0": round(t0, 6), "step_s": futures.site.time_step_s, "people": people}
+    told["new"] = live.present["new"]
+    if at_s:
+        occupancy = futures.occupancy(cell_m, live.extent)
+        told["occupancy"] = [
+            {"at_s": moment, "cells": _cells(occupancy, round(moment / futures.site.time_step_s) - 1)}
+            for moment in at_s
+        ]
+    return json.dumps(told, separators=(",", ":"))
+
+
+def _cells(occupancy: Occupancy, place: int) -> list[list[float]]:
+    """[x, y, p] of the cells that are worth telling."""
+    p = occupancy.probabilities[place]
+    row, column = np.nonzero(p >= LEAST_SHOWN)
+    x, y = ((cell + 0.5) * occupancy.cell_m + low for cell, low in zip((column, row), occupancy.origin, strict=True))
+    return _rounded(np.column_stack([x, y, p[row, column]]), 3)
+
+
+def _rounded(values: np.ndarray, digits: int) -> Any:
+    """As lists; of doubles, since the digits of a float32 as a double are many."""
+    return np.round(np.asarray(values, np.float64), digits).tolist()
+
+
+def write_all(sink: int, text: str) -> None:
+    """Write a line to a file descriptor, and wait for its reader as long as that takes."""
+    left = memoryview(text.encode() + b"\n")
+    while left:
+        try:
+            left = left[os.write(sink, left) :]
+        except BlockingIOError:  # somebody has made it one that does not wait
+            select.select([], [sink], [])
+
+
+class Newest:
+    """A writer that never waits: while the reader is busy, a line takes the place of the one before it.
+
+    `skipped` counts these; `put` raises `BrokenPipeError` once the reader has gone.
+    """
+
+    def __init__(self, sink: int) -> None:
+        self.skipped, self._sink = 0, sink
+        self._line: str | None = None
+        self._changed, self._ends, self._failed = threading.Condition(), False, False
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def put(self, line: str) -> None:
+        """Have a line written when its turn comes."""
+        with self._changed:
+            if self._failed:
+                raise BrokenPipeError
+            self.skipped += self._line is not None
+            self._line = line
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Wait until the last line is written."""
+        with self._changed:
+            self._ends = True
+            self._changed.notify()
+        self._thread.join()
+
+    def _work(self):
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._line is not None or self._ends)
+                line, self._line = self._line, None
+            if line is None:
+                return
+            try:
+                write_all(self._sink, line)
+            except OSError:
+                with self._changed:
+                    self._failed = True
+                return

@@ -1,0 +1,308 @@
+"""The verbs that forecast, score and export a task, as a user calls them."""
+
+import io
+import json
+import re
+from datetime import datetime, timezone
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+import modlhmp
+from modlhmp.cli import app
+from modlhmp.contract import crowd
+from modlhmp.exchange.tracks import tracks_table
+from modlhmp.tracks import write_tracks
+
+CROWD = crowd(people=30, seconds=20)
+DAYS = [datetime.fromtimestamp(CROWD.t[0] + shift, timezone.utc).date() for shift in (0, 86400)]
+
+
+def said(*arguments, stdin=None):
+    """Everything a command wrote to its output."""
+    done = CliRunner().invoke(app, [str(one) for one in arguments], input=stdin)
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def table(*arguments, stdin=None):
+    return pd.read_csv(io.StringIO(said(*arguments, stdin=stdin)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A map, and tracks to forecast in a table of text ids and as the workflow keeps them."""
+    made = tmp_path_factory.mktemp("hall")
+    modlhmp.build_map("episodes", CROWD, modlhmp.Site(horizon_s=8)).save(made / "hall.parquet")
+    of = tracks_table(CROWD).to_pandas().drop(columns=["speed", "heading"])
+    of.assign(track_id="P" + of["track_id"].astype(str)).to_csv(made / "walks.csv", index=False)
+    write_tracks(CROWD, made / "walks.parquet")
+    return made
+
+
+# --- forecast -------------------------------------------------------------------------------------------------------
+
+
+def test_a_forecast_is_the_library_s(folder):
+    """Whose, from when, by how many samples, where: as `modlhmp.forecast` has them."""
+    at = float(CROWD.t[CROWD.track_id == 3][9])
+    got = table("forecast", "--map", folder / "hall.parquet", "--tracks", folder / "walks.csv", "--at", at)
+    seen = CROWD.seen_by(at, rows=4)._replace(speed=np.nan * CROWD.seen_by(at, rows=4).t)
+    a_map = modlhmp.load_map(folder / "hall.parquet")
+    expected = modlhmp.forecast(a_map, seen).forecast.samples
+    assert got.columns.tolist() == ["track_id", "t0", "sample", "step", "x", "y"]
+    assert set(got["track_id"]) == {"P3"} and set(got["t0"]) == {at}
+    for (sample, step), row in got.set_index(["sample", "step"]).iterrows():
+        np.testing.assert_array_equal(row[["x", "y"]].to_numpy(np.float32), expected.xy[0, sample, step - 1])
+    assert len(got) == expected.steps_alive.sum()
+
+
+def test_one_path_for_each_person(folder):
+    arguments = ("forecast", "--map", folder / "hall.parquet", "--tracks", folder / "walks.parquet", "--horizon", 5)
+    best = table(*arguments, "--best")
+    futures = modlhmp.forecast(modlhmp.load_map(folder / "hall.parquet"), CROWD, 5)
+    assert best.groupby("track_id").size().le(5).all()
+    assert sorted(best["track_id"].unique()) == sorted(futures.track_id[futures.known]) and not futures.known.all()
+    told = CliRunner().invoke(app, [str(one) for one in (*arguments, "--best")]).stderr
+    assert f"{(~futures.known).sum()} of 30 people have no forecast" in told
+    ends = best[best["step"] == 5].set_index("track_id")
+    for place, track_id in enumerate(futures.track_id):
+        if track_id in ends.index:
+            np.testing.assert_allclose(ends.loc[track_id, ["x", "y"]], futures.best[place, -1], rtol=1e-6)
+
+
+def test_streams_and_files_hold_the_same(folder, tmp_path):
+    """From standard input to standard output, and into each form of file; what is told goes beside it."""
+    walks = (folder / "walks.csv").read_text()
+    arguments = ("forecast", "--map", "cvm", "--horizon", 3)
+    streamed = said(*arguments, "--tracks", "-", stdin=walks)
+    assert streamed.startswith("track_id,t0,step,x,y\n")
+    for suffix in ("csv", "parquet", "ndjson"):
+        assert said(*arguments, "--tracks", folder / "walks.csv", "--out", tmp_path / f"f.{suffix}") == ""
+    assert (tmp_path / "f.csv").read_text() == streamed
+    of_parquet = pd.read_parquet(tmp_path / "f.parquet")
+    np.testing.assert_array_equal(of_parquet["x"], pd.read_csv(tmp_path / "f.csv")["x"].astype(np.float32))
+    lines = [json.loads(line) for line in (tmp_path / "f.ndjson").read_text().splitlines()]
+    assert sum("scene" in line for line in lines) == 30 and sum("track" in line for line in lines) == 90
+
+
+def test_options_of_the_method(folder):
+    arguments = ("forecast", "--map", folder / "hall.parquet", "--tracks", folder / "walks.csv", "--horizon", 3)
+    few = table(*arguments, "--option", "persons=2")
+    assert few["sample"].max() < table(*arguments)["sample"].max()
+    modes = table(*arguments, "--option", "output=modes")
+    assert "probability" not in modes and modes["sample"].max() > 1  # samples, whatever the result
+
+
+def test_a_picture_beside_the_file(folder, tmp_path):
+    arguments = ("forecast", "--map", folder / "hall.parquet", "--tracks", folder / "walks.csv", "--horizon", 3)
+    said(*arguments, "--out", tmp_path / "f.csv", "--plot")
+    assert (tmp_path / "f.png").stat().st_size > 10_000
+
+
+def test_rows_at_a_higher_rate_are_brought_to_the_time_step(folder, tmp_path):
+    """A table at 5 Hz gives about the forecast of the same walks at 1 Hz."""
+    of = pd.read_csv(folder / "walks.csv")
+    often = [
+        pd.DataFrame({"track_id": name, "t": np.arange(one["t"].iloc[0], one["t"].iloc[-1] + 0.01, 0.2)}).assign(
+            x=lambda fine, one=one: np.interp(fine["t"], one["t"], one["x"]),
+            y=lambda fine, one=one: np.interp(fine["t"], one["t"], one["y"]),
+        )
+        for name, one in of.groupby("track_id", sort=False)
+    ]
+    pd.concat(often).to_csv(tmp_path / "often.csv", index=False)
+    arguments = ("forecast", "--map", "cvm", "--horizon", 3, "--tracks")
+    fine, coarse = (table(*arguments, file) for file in (tmp_path / "often.csv", folder / "walks.csv"))
+    both = fine.merge(coarse, on=["track_id", "step"])
+    assert len(both) == len(coarse) and np.abs(both["x_x"] - both["x_y"]).max() < 1e-4
+
+
+def test_who_has_too_few_rows_is_left_out_and_told(folder, tmp_path):
+    of = pd.read_csv(folder / "walks.csv")
+    of.drop(of.index[3:20]).to_csv(tmp_path / "f.csv", index=False)
+    done = CliRunner().invoke(app, ["forecast", "--map", "cvm", "--tracks", str(tmp_path / "f.csv"), "--horizon", "2"])
+    assert "1 of 30 people have fewer than 4 rows: left out" in done.stderr
+    assert '"P0"' not in done.stdout and '"P1"' in done.stdout
+
+
+BAD_TRACKS = {
+    "no such file": (None, "no such file"),
+    "no columns": ("a,b,c,d\n1,2,3,4\n", "call the columns track_id, t, x, y"),
+    "a word": ("track_id,t,x,y\n1,0,0,0\n1,1,one,0\n", "f.csv, row 3: x 'one' is not a number"),
+    "NaN": ("track_id,t,x,y\n1,0,0,0\n1,1,nan,0\n", "f.csv, row 3: x is empty or NaN"),
+    "twice": ("track_id,t,x,y\n1,0,0,0\n1,1,1,0\n1,1,1,0\n", "row 4: track 1 has a row at t 1 in row 3 already"),
+    "short": ("track_id,t,x,y\n1,0,0,0\n1,1,1,0\n", "nobody has 4 rows"),
+    "feet": ("track_id,t,x,y\n" + "".join(f"1,{t},{40 * t},0\n" for t in range(6)), "are positions in m"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_TRACKS)
+def test_bad_tracks(tmp_path, name):
+    text, told = BAD_TRACKS[name]
+    if text is not None:
+        (tmp_path / "f.csv").write_text(text)
+    with pytest.raises(modlhmp.DataError, match=re.escape(told)):
+        said("forecast", "--map", "cvm", "--tracks", tmp_path / "f.csv", "--horizon", 2)
+
+
+def test_a_file_whose_form_is_in_doubt(tmp_path):
+    """What is in doubt is said, and how to say it."""
+    lines = [f"{frame} {person} {0.5 * frame + person:.2f} {0.01 * frame:.2f}" for person in range(9)
+             for frame in range(20)]  # fmt: skip
+    (tmp_path / "f.txt").write_text("\n".join(lines))
+    with pytest.raises(modlhmp.DataError, match=r"is in doubt .*modlhmp inspect FILE > form\.yaml"):
+        said("forecast", "--map", "cvm", "--tracks", tmp_path / "f.txt", "--horizon", 2)
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (("--horizon", 2.5), "horizon_s 2.5: give a multiple of 1 s"),
+        (("--plot",), "--plot: the picture lies beside the file"),
+        (("--out", "f.txt"), "--out f.txt: the name must end in .csv, .parquet or .ndjson"),
+        (("--option", "velo=1"), "unknown key 'velo', did you mean 'velocity'?"),
+        (("--option", "velocity"), "--option 'velocity': write NAME=VALUE"),
+        (("--at", 5), "--at 5: nobody in"),
+        (("--seed", -1), "--seed -1: give a whole number"),
+    ],
+)
+def test_bad_arguments(folder, more, told):
+    with pytest.raises(modlhmp.DataError, match=re.escape(told)):
+        said("forecast", "--map", "cvm", "--tracks", folder / "walks.csv", *more)
+
+
+# --- score ----------------------------------------------------------------------------------------------------------
+
+
+def test_scores_are_the_library_s(folder, tmp_path):
+    """Of text ids and a moment of each, both protocols; a stream gives the same."""
+    at = float(CROWD.t[CROWD.track_id == 3][9])
+    made = said("forecast", "--map", "cvm", "--tracks", folder / "walks.csv", "--at", at, "--horizon", 8)
+    (tmp_path / "f.csv").write_text(made)
+    found = table("score", tmp_path / "f.csv", "--tracks", folder / "walks.csv")
+    again = table("score", "-", "--tracks", folder / "walks.csv", stdin=made)
+    pd.testing.assert_frame_equal(found, again)
+    seen = CROWD.seen_by(at, rows=4)
+    for protocol in ("paper", "complete"):
+        expected = modlhmp.score(modlhmp.forecast("cvm", seen, 8), CROWD, protocol)
+        for _, row in found[found["protocol"] == protocol].iterrows():
+            for name, value in expected.at(row["horizon_s"]).items():
+                assert row[name] == pytest.approx(value, rel=1e-5)
+    assert set(found["output"]) == {"single"} and 8 in set(found["horizon_s"])
+
+
+def test_the_path_out_of_samples_is_chosen(folder, tmp_path):
+    at = float(CROWD.t[CROWD.track_id == 3][9])
+    file = tmp_path / "f.csv"
+    said("forecast", "--map", folder / "hall.parquet", "--tracks", folder / "walks.csv", "--at", at, "--out", file)
+    outputs = {
+        path: table("score", file, "--tracks", folder / "walks.csv", "--path", path)["output"].iloc[0]
+        for path in ("likeliest", "mean", "geometric_median")
+    }
+    assert outputs == {"likeliest": "likeliest", "mean": "mean_path", "geometric_median": "median"}
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda of: of.assign(track_id="Q9"), "row 2: track Q9: nobody of that id is in"),
+        (lambda of: of.assign(t0=of["t0"] + 0.4), "that track has no row then"),
+        (lambda of: of.iloc[:0], "it has no forecasts"),
+        (lambda of: of.assign(probability=0.5), "the probabilities of track P3 at t0 1300000129 sum to 0.5"),
+    ],
+)
+def test_forecasts_of_others(folder, tmp_path, change, told):
+    at = float(CROWD.t[CROWD.track_id == 3][9])
+    made = table("forecast", "--map", "cvm", "--tracks", folder / "walks.csv", "--at", at, "--horizon", 8)
+    change(made).to_csv(tmp_path / "f.csv", index=False)
+    with pytest.raises(modlhmp.DataError, match=re.escape(told)):
+        said("score", tmp_path / "f.csv", "--tracks", folder / "walks.csv")
+
+
+# --- export-task ----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Folder with a dataset file of two days."""
+    made = tmp_path_factory.mktemp("site")
+    for day, shift in (("monday", 0), ("tuesday", 86400)):
+        rows = tracks_table(CROWD._replace(t=CROWD.t + shift)).to_pandas().drop(columns=["speed", "heading"])
+        rows.to_csv(made / f"{day}.csv", index=False)
+    (made / "hall.yaml").write_text(f"""
+title: Hall
+reader: delimited
+timezone: UTC
+header: true
+columns: {{track_id: track_id, t: t, x: x, y: y}}
+time_step_s: 1.0
+horizon_s: 8
+velocity: differences
+recordings:
+  - {{files: monday.csv, day: {DAYS[0]}, split: train}}
+  - {{files: tuesday.csv, day: {DAYS[1]}, split: test}}
+citation: nobody
+terms: none
+""")
+    return made
+
+
+def export(site, to, *more):
+    return CliRunner().invoke(
+        app, ["export-task", str(site / "hall.yaml"), "--to", str(to), "--data-root", str(site), *more]
+    )
+
+
+def test_a_task_is_exported_forecast_and_scored(site, tmp_path):
+    """By our own command line on the exported observations, as an outsider would by another program."""
+    done = export(site, tmp_path, "--training", "--neighbours")
+    assert done.exit_code == 0 and done.stdout == ""
+    about = json.loads((tmp_path / "task.json").read_text())
+    assert about["task"] in done.stderr and about["tasks"] == 30
+    assert {file.name for file in tmp_path.iterdir()} == {
+        "observations.csv", "neighbours.csv", "training.csv", "task.json",
+    }  # fmt: skip
+    file = tmp_path / "mine" / "f.csv"
+    said("forecast", "--map", "cvm", "--tracks", tmp_path / "observations.csv", "--horizon", 8, "--out", file)
+    file.with_suffix(".json").write_text(json.dumps({"task": about["task"]}))
+    found = table("score", file.parent, "--tracks", site / "hall.yaml", "--data-root", site)
+    tracks = modlhmp.read_tracks(site / "hall.yaml", data_root=site, split="test")
+    history = tracks.take(np.arange(len(tracks.t)) % 20 < 4)
+    expected = modlhmp.score(modlhmp.forecast("cvm", history, 8), tracks, "complete").at(8)
+    last = found[(found["protocol"] == "complete") & (found["horizon_s"] == 8)].iloc[0]
+    assert last["ade_m"] == pytest.approx(expected["ade_m"], rel=1e-5) and last["n"] == 30
+
+
+def test_the_split_is_chosen(site, tmp_path):
+    """Validation is the last training days, or blocks of time; each is another task."""
+    hashes = set()
+    for split in ("test", "train", "validation"):
+        done = export(site, tmp_path / split, "--split", split)
+        assert done.exit_code == 0 or "no track" in str(done.exception)
+        if done.exit_code == 0:
+            hashes.add(json.loads((tmp_path / split / "task.json").read_text())["task"])
+    assert len(hashes) >= 2
+
+
+def test_a_recording_that_is_not_there(site, tmp_path):
+    with pytest.raises(modlhmp.DataError, match=r"tuesday\.csv: no such file"):
+        said("export-task", site / "hall.yaml", "--to", tmp_path, "--data-root", tmp_path)
+
+
+def test_forecasts_of_something_else(site, tmp_path):
+    done = export(site, tmp_path, "--forecasts", str(tmp_path))
+    assert isinstance(done.exception, modlhmp.DataError) and "give the folder of a method's forecasts" in str(
+        done.exception
+    )
+
+
+@pytest.mark.parametrize("verb", ["forecast", "score", "export-task"])
+def test_help_teaches_by_example(verb):
+    """Two calls or more that a user can copy, and where the rest is told."""
+    text = said(verb, "--help")
+    assert len(re.findall(rf"^    modlhmp {verb} ", text, re.M)) >= 2
+    assert "docs/" in text

@@ -1,0 +1,303 @@
+"""`modlhmp map`: build, info, plot, convert and compare, as one would type them."""
+
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import modlhmp
+from modlhmp.cli import app, main
+from modlhmp.contract import SITE, crowd
+from modlhmp.maps.base import hour_files
+from modlhmp.maps.comparison import compare, flows
+from modlhmp.storage import column
+from modlhmp.tracks import write_tracks
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Maps of every kind, and the tracks that they are of."""
+    folder = tmp_path_factory.mktemp("maps")
+    for kind in ("cliff", "tc_cliff", "stef", "episodes", "snippets", "exits"):
+        a_map = modlhmp.build_map(kind, crowd(), SITE)
+        a_map.save(folder / (f"{kind}.parquet" if a_map.whole is not None and not a_map.hours else kind))
+    modlhmp.load_map(folder / "cliff.parquet").save(folder / "cliff.csv", form="matlab")
+    write_tracks(crowd(), folder / "tracks.parquet")
+    return folder
+
+
+def said(*arguments, status=0, **more):
+    """What is printed on (standard output, standard error)."""
+    done = CliRunner().invoke(app, ["map", *map(str, arguments)], **more)
+    assert done.exit_code == status, done.output
+    return done.stdout, done.stderr
+
+
+def refused(monkeypatch, capsys, *arguments):
+    """The one line that a command ends with, status 1."""
+    monkeypatch.setattr("sys.argv", ["modlhmp", "map", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    return capsys.readouterr().err.strip().splitlines()[-1]
+
+
+@pytest.mark.parametrize("verb", ["build", "info", "plot", "convert", "compare"])
+def test_help_teaches_by_example(verb):
+    text, _ = said(verb, "--help")
+    assert f"modlhmp map {verb} " in text
+    assert "Traceback" not in text
+    assert "Status 0: done; 1: the data are" in " ".join(said("--help")[0].split())
+
+
+# --- build ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_map_is_built_from_clean_tracks(folder, tmp_path):
+    _, told = said("build", "cliff", folder / "tracks.parquet", "--out", tmp_path / "fine.parquet", "--set",
+                   "resolution_m=0.5", "--set", "bandwidth=kucner")  # fmt: skip
+    made = modlhmp.load_map(tmp_path / "fine.parquet")
+    assert f"fine.parquet: cliff, {made.whole.num_rows} rows" in told
+    wanted = modlhmp.build_map("cliff", crowd(), resolution_m=0.5, bandwidth="kucner")
+    assert made.whole.equals(wanted.whole)
+
+
+def test_a_map_by_hours_takes_the_place_s_clock(folder, tmp_path):
+    said("build", "tc_cliff", folder / "tracks.parquet", "--out", tmp_path / "hours", "--timezone", "Asia/Tokyo")
+    assert list(hour_files(tmp_path / "hours")) == [16, 17]
+
+
+def test_a_map_is_built_from_a_dataset_file(tmp_path):
+    rows = [
+        f"{person},{t},{1.2 * t * (1 if person % 2 else -1)},{0.1 * person}" for person in range(12) for t in range(20)
+    ]
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.csv").write_text("\n".join(["person,t,x,y", *rows, f"99{ord(name)},0,0,0", ""]))
+    (tmp_path / "mine.yaml").write_text(
+        "title: Mine\nreader: delimited\ntimezone: Europe/London\nheader: true\n"
+        "columns: {track_id: person, t: t, x: x, y: y}\nhorizon_s: 5\nvelocity: differences\n"
+        "citation: nobody\nterms: free\nrecordings:\n"
+        "  - {files: a.csv, day: 2020-03-02, start: '08:00', split: train}\n"
+        "  - {files: b.csv, day: 2020-03-03, start: '08:00', split: test}\n"
+    )
+    out = tmp_path / "map.parquet"
+    said("build", "snippets", tmp_path / "mine.yaml", "--data-root", tmp_path, "--out", out)
+    made = modlhmp.load_map(out)
+    assert (made.site.timezone, made.site.horizon_s) == ("Europe/London", 5)
+    training = modlhmp.read_tracks(tmp_path / "mine.yaml", data_root=tmp_path, split="train")
+    assert made.whole.equals(modlhmp.build_map("snippets", training, made.site).whole)
+
+
+def test_what_cannot_be_built(folder, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "map.parquet"
+    tracks = folder / "tracks.parquet"
+    assert "describe it first: modlhmp inspect a.csv > a.yaml" in refused(
+        monkeypatch, capsys, "build", "cliff", "a.csv", "--out", out
+    )
+    assert "did you mean 'cliff'" in refused(monkeypatch, capsys, "build", "clif", tracks, "--out", out)
+    assert "did you mean 'resolution_m'" in refused(
+        monkeypatch, capsys, "build", "cliff", tracks, "--out", out, "--set", "resolution=2"
+    )
+    assert "give NAME=VALUE" in said("build", "cliff", tracks, "--out", out, "--set", "5", status=2)[1]
+    assert not out.exists()
+
+
+# --- info -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("cliff.parquet", ("kind: cliff", "Europe/London", "resolution 1.0", "radius 1.0", "locations", "var_heading")),
+        ("cliff.csv", ("kind: cliff", "resolution 1", "from cliff.csv, form matlab")),
+        ("tc_cliff", ("hours: 7 8", "whole day: ", "hour 08: ")),
+        ("stef", ("hours: 7 8", "orientations 8")),
+        ("episodes.parquet", ("kind: episodes", "step 1.0", "  t [s]: unix time")),
+        ("snippets.parquet", ("cell 1.0", "past 3")),
+        ("exits.parquet", ("  left: people who left within",)),
+    ],
+)
+def test_info(folder, name, parts):
+    text, _ = said("info", folder / name)
+    for part in parts:
+        assert part in text
+    if name == "cliff.parquet":
+        whole = modlhmp.load_map(folder / name).whole
+        assert f"{whole.num_rows} rows, {len(set(whole['location'].to_pylist()))} locations" in text
+
+
+def test_info_of_a_stream_and_of_what_is_no_map(folder, monkeypatch, capsys):
+    text, _ = said("info", "-", input=(folder / "cliff.csv").read_bytes())
+    assert "from standard input, form matlab" in text
+    assert "Parquet is not read from a stream" in str(
+        CliRunner().invoke(app, ["map", "info", "-"], input=(folder / "cliff.parquet").read_bytes()).exception
+    )
+    assert "no such file" in refused(monkeypatch, capsys, "info", folder / "nothing")
+
+
+# --- plot -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "name", ["cliff.parquet", "cliff.csv", "tc_cliff", "stef", "episodes.parquet", "snippets.parquet"]
+)
+def test_plot(folder, tmp_path, name):
+    from PIL import Image  # noqa: PLC0415
+
+    file = folder / (f"{name}.parquet" if name in {"episodes", "snippets"} else name)
+    said("plot", file, "--out", tmp_path / "map.png")
+    picture = np.asarray(Image.open(tmp_path / "map.png").convert("RGB")).reshape(-1, 3).astype(int)
+    coloured = np.ptp(picture, axis=1) > 60
+    assert coloured.sum() > 3000, "arrows and the key have colours"
+
+
+def test_plot_over_a_floor_plan(folder, tmp_path):
+    from PIL import Image  # noqa: PLC0415
+
+    Image.fromarray(np.where(np.arange(40)[:, None] < 20, 0, 254).astype(np.uint8) * np.ones((1, 80), np.uint8)).save(
+        tmp_path / "plan.png"
+    )
+    (tmp_path / "plan.yaml").write_text(
+        "image: plan.png\nresolution: 0.5\norigin: [-20, -10, 0]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    grey = []
+    for more in ((), ("--floor-plan", tmp_path / "plan.yaml")):
+        said("plot", folder / "cliff.parquet", "--out", tmp_path / "map.png", *more)
+        picture = np.asarray(Image.open(tmp_path / "map.png").convert("RGB")).reshape(-1, 3)
+        grey.append((picture == 180).all(axis=1).mean())
+    assert grey[1] - grey[0] > 0.03, "the upper half is wall"
+
+
+def test_what_is_not_drawn(folder, tmp_path, monkeypatch, capsys):
+    line = refused(monkeypatch, capsys, "plot", folder / "cliff.parquet", "--out", tmp_path / "map.jpeg")
+    assert "ends in .pdf, .png, .svg" in line
+    line = refused(monkeypatch, capsys, "plot", folder / "tc_cliff", "--hour", 12, "--out", tmp_path / "map.png")
+    assert "hour 12: the map has 7, 8" in line
+    line = refused(monkeypatch, capsys, "plot", folder / "exits.parquet", "--out", tmp_path / "map.png")
+    assert "a map of kind exits is not drawn" in line
+    assert not list(tmp_path.iterdir())
+
+
+# --- convert ----------------------------------------------------------------------------------------------------------
+
+
+def test_convert_there_and_back(folder, tmp_path):
+    steps = [folder / "cliff.parquet", tmp_path / "a.xml", tmp_path / "b.csv", tmp_path / "c.parquet"]
+    for (before, after), to in zip(pairwise(steps), ((), ("--to", "online"), ()), strict=True):
+        _, told = said("convert", before, after, *to)
+        assert f"{after}: cliff" in told
+        assert ("loses" in told) == (after.suffix != ".parquet")
+    ours, theirs = (modlhmp.load_map(path).whole for path in (steps[0], steps[-1]))
+    for name in ("x", "y", "weight", "mean_speed", "var_heading", "var_speed"):
+        np.testing.assert_array_equal(column(ours, name), column(theirs, name))
+
+
+def test_convert_streams(folder):
+    """Only the map goes to standard output."""
+    out, told = said("convert", "-", "-", "--to", "online", input=(folder / "cliff.csv").read_bytes())
+    rows = [line.split(",") for line in out.splitlines()]
+    assert {len(row) for row in rows} == {10}
+    assert "Form online loses" in told
+    back, _ = said("convert", "-", "-", "--form", "online", "--to", "matlab", "--header", input=out.encode())
+    assert back.startswith("x,y,mean_heading,mean_speed")
+    assert back.splitlines()[1:] == (folder / "cliff.csv").read_text().splitlines()
+
+
+def test_convert_moves_a_map(folder, tmp_path):
+    said("convert", folder / "cliff.csv", tmp_path / "moved.parquet", "--origin", -3, 2)
+    ours, moved = (modlhmp.load_map(path).whole for path in (folder / "cliff.csv", tmp_path / "moved.parquet"))
+    for name, by in (("x", 3), ("y", -2)):
+        np.testing.assert_allclose(column(moved, name), column(ours, name) + by)
+
+
+def test_convert_needs_what_a_form_does_not_say(folder, tmp_path, caplog):
+    said("convert", folder / "stef", tmp_path / "stef.txt", "--to", "histogram")
+    assert "tell whoever reads it" in caplog.text
+    low = {name: column(modlhmp.load_map(folder / "stef").whole, name) for name in ("x", "y")}
+    box = [f"{name}={values.min() - 0.5},{values.max() + 0.5}" for name, values in low.items()]
+    said("convert", tmp_path / "stef.txt", tmp_path / "again", "--form", "histogram", "--set", box[0], "--set", box[1],
+         "--timezone", "Europe/London")  # fmt: skip
+    assert list(modlhmp.load_map(tmp_path / "again").hours) == [7, 8]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("episodes.parquet", "a.csv", "--to", "matlab"), "form matlab cannot carry a map of kind episodes"),
+        (("cliff.parquet", "a.csv", "--to", "matlb"), "did you mean 'matlab'"),
+        (("cliff.parquet", "-"), "Parquet does not go to standard output"),
+        (("tc_cliff", "-", "--to", "matlab"), "a map of kind tc_cliff is a folder of hours in form matlab"),
+        (("cliff.parquet", "b.parquet", "--origin", "1", "1"), "it holds its site and its frame itself"),
+        (("cliff.parquet", "b.xml", "--header"), "unknown key 'header'"),
+    ],
+)
+def test_what_is_not_converted(folder, monkeypatch, capsys, arguments, message):
+    before = sorted(folder.rglob("*"))
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("sys.argv", ["modlhmp", "map", "convert", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    assert message in capsys.readouterr().err
+    assert sorted(folder.rglob("*")) == before
+
+
+# --- compare ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_map_is_like_itself(folder):
+    text, _ = said("compare", folder / "cliff.parquet", folder / "cliff.csv")
+    direction = float(re.search("direction: median 0, 90th percentile ([^ ]+) of the probability", text)[1])
+    assert direction < 1e-6
+    assert "speed: median 0 m/s, 90th percentile 0 m/s" in text
+
+
+def test_maps_of_two_kinds(folder):
+    text, _ = said("compare", folder / "tc_cliff", folder / "stef", "--hour", 8)
+    assert "speed: one of the maps has none" in text
+    text, told = said("compare", folder / "cliff.parquet", folder / "cliff.csv", "--out", "-")
+    assert text.startswith("x,y,apart_m,direction,speed_m_s,p,p_theirs\n")
+    assert "direction: " in told
+
+
+def test_maps_that_hold_walks_are_not_compared(folder, monkeypatch, capsys):
+    line = refused(monkeypatch, capsys, "compare", folder / "cliff.parquet", folder / "episodes.parquet")
+    assert "a map of kind episodes holds walks" in line
+
+
+def cliff_of(*components, step="1"):
+    """A CLiFF-map's table: each component is location, x, y, weight, heading, speed, variance of heading, p."""
+    import pyarrow as pa  # noqa: PLC0415
+
+    names = ("location", "x", "y", "weight", "mean_heading", "mean_speed", "var_heading", "p")
+    columns = dict(zip(names, np.array(components, float).T, strict=True))
+    return pa.table(columns).replace_schema_metadata({"resolution": step})
+
+
+def test_shares_of_directions():
+    """Those of a normal distribution wrapped around the circle; a very wide one is even."""
+    both_ways = (0, 0, 0, 0.5, 0, 1, 1e-4, 1), (0, 0, 0, 0.5, np.pi, 2, 1e-4, 1)
+    found = flows("cliff", cliff_of(*both_ways, (1, 1, 0, 1, 3, 1, 80, 1), (2, 2, 0, 1, np.pi / 8, 1, 0.01, 1)))
+    np.testing.assert_allclose(found.shares[0], [0.5, 0, 0, 0, 0.5, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(found.shares[1], 0.125, atol=1e-3)
+    np.testing.assert_allclose(found.shares[2], [0.5, 0.5, 0, 0, 0, 0, 0, 0], atol=1e-3)
+    np.testing.assert_allclose(found.speed, [1.5, 1, 1])
+    rng = np.random.default_rng(0)
+    drawn = rng.normal(2.8, np.sqrt(0.7), 400_000)
+    counts = np.bincount(np.floor(np.mod(drawn + np.pi / 8, 2 * np.pi) * 8 / (2 * np.pi)).astype(int), minlength=8)
+    shares = flows("cliff", cliff_of((0, 0, 0, 1, 2.8, 1, 0.7, 1))).shares[0]
+    np.testing.assert_allclose(shares, counts / len(drawn), atol=0.003)
+
+
+def test_opposite_flows_are_as_different_as_can_be():
+    east, west = (flows("cliff", cliff_of((0, 0, 0, 1, way, 1, 1e-3, 1))) for way in (0, np.pi))
+    assert compare(east, west)["direction"][0] == pytest.approx(1)
+    assert compare(east, east)["direction"][0] == 0
+    faster = flows("cliff", cliff_of((0, 0.3, 0, 1, 0, 1.5, 1e-3, 1), (1, 5, 0, 1, 0, 1, 1e-3, 1)))
+    found = compare(east, faster)
+    assert found["speed_m_s"].tolist() == [0.5]
+    assert found["apart_m"].tolist() == [pytest.approx(0.3)]
+    assert len(compare(flows("cliff", cliff_of((0, 9, 9, 1, 0, 1, 1, 1))), east)["x"]) == 0

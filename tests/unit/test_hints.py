@@ -1,0 +1,155 @@
+"""A file that is not as declared is refused in words that name what would mend it."""
+
+import re
+
+import pytest
+from planted import PLACES, people
+
+from modlhmp.cleaning import clean_recording
+from modlhmp.datasets import load_dataset
+from modlhmp.file_format import FileFormat, Recording
+from modlhmp.settings import check
+from modlhmp.storage import DataError
+
+ROWS = people(number=20)
+BY_POSITION = {"track_id": 0, "t": 1, "x": 2, "y": 3}
+UNIX = 1_772_442_000  # 2026-03-02 09:00 UTC
+
+
+def file_of(path, line, header="", encoding="utf-8"):
+    """A file with a line of each row, by a function of id, t, x, y."""
+    rows = [line(int(person), t, x, y) for person, t, x, y, _, _ in ROWS]
+    path.write_bytes("\n".join([header, *rows] if header else rows).encode(encoding))
+    return path
+
+
+def refusal(path, recording=None, **form):
+    with pytest.raises(DataError) as error:
+        clean_recording(path, check(FileFormat, form, "test"), recording or Recording(day=""))
+    assert str(path) in str(error.value)
+    return str(error.value)
+
+
+def comma(person, t, x, y):
+    return f"{person},{t:.2f},{x:.3f},{y:.3f}"
+
+
+def test_a_header_and_nothing_else(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("id,t,x,y\n")
+    assert "names its columns, but has no row" in refusal(path, header=True, columns=PLACES)
+
+
+@pytest.mark.parametrize(
+    ("line", "header"),
+    [
+        (lambda person, t, x, y: f"{person:6d} {t:8.1f} {x:9.3f} {y:9.3f}", False),
+        (lambda person, t, x, y: f" {person} {t:.1f} {x:.3f} {y:.3f}", True),
+    ],
+    ids=["aligned", "a blank before"],
+)
+def test_one_blank_as_separator_where_there_are_several(tmp_path, line, header):
+    path = file_of(tmp_path / "a.txt", line, "id t x y" if header else "")
+    told = refusal(path, separator=" ", header=header, columns=PLACES if header else BY_POSITION)
+    assert "use `reader: text`" in told
+
+
+def test_unix_times_and_a_start(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda person, t, x, y: comma(person, UNIX + t, x, y), "id,t,x,y")
+    told = refusal(path, Recording(day="2026-03-02", start="09:00"), header=True, columns=PLACES)
+    assert "2026-03-02 09:00 UTC" in told
+    assert "leave out `start`" in told
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "cp1252"])
+@pytest.mark.parametrize(
+    ("columns", "more"),
+    [
+        ({**PLACES, "track_id": "Fußgänger"}, {}),
+        (BY_POSITION, {}),
+        ({**PLACES, "track_id": 4}, {"without": {"wo": ["Straßenbahn"]}}),
+    ],
+    ids=["name", "ids", "chosen rows"],
+)
+def test_text_that_is_not_utf_8(tmp_path, encoding, columns, more):
+    def line(person, t, x, y):
+        return f"Müller {person},{t:.1f},{x:.3f},{y:.3f},{person},Straße"
+
+    path = file_of(tmp_path / "a.csv", line, "Fußgänger,t,x,y,number,wo", encoding)
+    told = refusal(path, header=True, columns=columns, **more)
+    assert "save it as UTF-8" in told
+
+
+def test_other_columns_may_be_in_any_encoding(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda *row: comma(*row) + ",Straße", "id,t,x,y,Fuß", "latin-1")
+    tracks, account = clean_recording(path, check(FileFormat, {"header": True, "columns": PLACES}, "test"), Recording())
+    assert len(tracks.t) == len(ROWS)
+    assert not account["rows"]["dropped"]
+
+
+@pytest.mark.parametrize(
+    ("per", "begin", "told"),
+    [(60.0, 0.0, "minutes"), (3600.0, 9.0, "hours"), (86_400.0, 46_083.375, "days"), (86_400.0, 0.0, "days")],
+)
+def test_times_in_units_of_spreadsheets(tmp_path, per, begin, told):
+    path = file_of(tmp_path / "a.csv", lambda p, t, x, y: f"{p},{begin + t / per:.9f},{x:.3f},{y:.3f}", "id,t,x,y")
+    found = re.search(r"they look like (\w+),[^)]*\) would give (\S+) m/s", refusal(path, header=True, columns=PLACES))
+    assert found[1] == told
+    assert 1.1 < float(found[2]) < 1.5
+
+
+def test_feet(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda p, t, x, y: comma(p, t, x / 0.3048, y / 0.3048), "id,t,x,y")
+    assert "units: {length: px}, scale: 0.3048" in refusal(path, header=True, columns=PLACES)
+
+
+def test_degrees_of_longitude_and_latitude(tmp_path):
+    def line(person, t, x, y):
+        return f"{person},{t:.1f},{15.2066 + x / 56_900:.8f},{59.2741 + y / 111_000:.8f}"
+
+    told = refusal(file_of(tmp_path / "a.csv", line, "id,t,x,y"), header=True, columns=PLACES)
+    assert "Project them to metres" in told
+
+
+@pytest.mark.parametrize(
+    ("mark", "told"),
+    [(",", "`thousands: ','`, or `decimal: ','`"), ("'", '`thousands: "\'"`'), (" ", "`thousands: ' '`")],
+)
+def test_marks_of_thousands(tmp_path, mark, told):
+    def line(person, t, x, y):
+        return f"{person};{t:.0f};" + f"{1000 * x + 90_000:,.0f};{1000 * y + 90_000:,.0f}".replace(",", mark)
+
+    path = file_of(tmp_path / "a.csv", line, "id;t;x;y")
+    assert told in refusal(path, header=True, separator=";", columns=PLACES, units={"length": "mm"})
+
+
+def test_times_of_a_clock_and_a_start_in_a_dataset_file(tmp_path):
+    path = tmp_path / "d.yaml"
+    path.write_text(
+        "title: T\nreader: delimited\nheader: true\ncolumns: {track_id: id, t: t, x: x, y: y}\ntimezone: UTC\n"
+        "units: {time: iso}\nrecordings: [{files: a.csv, day: 2026-03-02, start: '09:00', split: {by: time}}]\n"
+        "horizon_s: 10\nvelocity: differences\ncitation: c\nterms: t\n"
+    )
+    with pytest.raises(DataError, match=r"d\.yaml: recordings: start .09:00.: .*leave it out"):
+        load_dataset(path, tmp_path)
+
+
+@pytest.mark.parametrize("key", ["only", "without"])
+@pytest.mark.parametrize("text", ["Pedestrian", "pedestrian ", "PEDESTRIAN"])
+def test_a_text_to_choose_rows_by_that_the_file_writes_otherwise(tmp_path, key, text):
+    """Cars that `without` misses would walk among the people."""
+    path = file_of(
+        tmp_path / "a.csv", lambda p, *row: comma(p, *row) + f",{'car' if p % 2 else 'pedestrian'}", "id,t,x,y,k"
+    )
+    told = refusal(path, header=True, columns=PLACES, **{key: {"k": [text]}})
+    assert f"{key}: {{k: [{text}]}}" in told
+    assert "writes 'pedestrian'" in told
+
+
+def test_a_text_to_choose_rows_by_that_no_row_has(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + ",walker", "id,t,x,y,k")
+    told = refusal(path, header=True, columns=PLACES, only={"k": ["adult", "child"]})
+    assert "column 'k' holds 'walker'" in told
+    form = check(FileFormat, {"header": True, "columns": PLACES, "without": {"k": ["car"]}}, "test")
+    tracks, _ = clean_recording(path, form, Recording())  # a recording without cars is one
+    assert len(tracks.t) == len(ROWS)

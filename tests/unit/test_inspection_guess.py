@@ -1,0 +1,477 @@
+"""What `modlhmp inspect FILE` proposes beside columns and units: sentinels, classes, joint ids, boxes, persons."""
+
+import numpy as np
+import pytest
+import yaml
+from planted import PLACES, people
+
+from modlhmp.cleaning import clean_recording
+from modlhmp.datasets import load_dataset
+from modlhmp.inspection import inspect_file
+from modlhmp.storage import DataError
+
+ROWS = people(number=30, rows=25, standing=0)
+PERSON, T, X, Y = ROWS[:, 0].astype(int), *ROWS[:, 1:4].T
+FRAME = np.rint(25 * T).astype(int)
+RNG = np.random.default_rng(1)
+SOME = RNG.random(len(ROWS)) < 0.1
+
+
+def file_of(path, line, header="", encoding="utf-8"):
+    """A file with the lines that a function of the row's number gives."""
+    rows = [line(row) for row in range(len(ROWS))]
+    path.write_bytes(("\n".join([header, *rows] if header else rows) + "\n").encode(encoding))
+    return path
+
+
+def drafted(path, folder):
+    """The draft's keys and text, and the clean tracks of both splits by it."""
+    found = inspect_file(path, folder)
+    (folder / "drafted.yaml").write_text(found.draft, encoding="utf-8")
+    dataset = load_dataset(folder / "drafted.yaml", folder)
+    tracks = [clean_recording(one.path, dataset, one)[0] for one in dataset.recordings]
+    return yaml.safe_load(found.draft), found.draft, tracks
+
+
+def line_of(draft, key):
+    return next(line for line in draft.splitlines() if line.startswith(f"{key}:"))
+
+
+def refused(path):
+    with pytest.raises(DataError) as error:
+        inspect_file(path)
+    assert str(path) in str(error.value)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("thousands", "decimal", "separator"),
+    [(",", ".", ";"), (".", ",", ";"), ("'", ".", ","), (" ", ".", ";"), (" ", ",", "\t"), ("'", ",", ";")],
+)
+@pytest.mark.parametrize("digits", [0, 1])
+def test_marks_of_thousands(tmp_path, thousands, decimal, separator, digits):
+    def written(value, digits=digits):
+        return f"{value:,.{digits}f}".translate(str.maketrans({",": thousands, ".": decimal}))
+
+    def line(n):
+        return separator.join([str(PERSON[n]), written(T[n], 1), written(1000 * X[n] + 5000), written(1000 * Y[n])])
+
+    path = file_of(tmp_path / "a.csv", line, separator.join(["id", "t", "x", "y"]))
+    keys, _, tracks = drafted(path, tmp_path)
+    assert keys["thousands"] == thousands
+    assert keys.get("decimal", ".") == decimal
+    assert keys["units"] == {"length": "mm"}
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+def test_a_decimal_comma_with_three_digits_is_no_mark_of_thousands(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]};{T[n]:.3f};{X[n]:.3f};{Y[n]:.3f}".replace(".", ","), "id;t;x;y"
+    )
+    keys, _, _ = drafted(path, tmp_path)
+    assert "thousands" not in keys
+    assert keys["decimal"] == ","
+
+
+@pytest.mark.parametrize(
+    ("unseen", "missing"),
+    [
+        ("-1,-1,1.7", {"x": -1, "y": -1}),
+        ("0,0,0", {"x": 0, "y": 0}),
+        ("9999,9999,9999", {"x": 9999, "y": 9999}),
+        ("-999.0,-999.0,0", {"x": -999, "y": -999}),
+        ("1e6,1e6,0", {"x": 1000000, "y": 1000000}),
+    ],
+)
+def test_numbers_that_stand_for_not_seen(tmp_path, unseen, missing):
+    def line(n):
+        return f"{PERSON[n]},{T[n]:.1f}," + (unseen if SOME[n] else f"{X[n]:.3f},{Y[n]:.3f},1.7")
+
+    keys, draft, tracks = drafted(file_of(tmp_path / "a.csv", line, "id,t,x,y,z"), tmp_path)
+    assert keys["missing"] == missing
+    assert "decide" in line_of(draft, "missing")
+    assert "units" not in keys
+    assert np.isfinite(tracks[0].x).all()
+    assert max(np.ptp(part.x) for part in tracks) < 100
+
+
+def test_rows_of_others_are_left_out(tmp_path):
+    kind = np.array(["Pedestrian", "Biker", "car"])[PERSON % 3]
+    fast = np.where(PERSON % 3, 4.0, 1.0)
+
+    def line(n):
+        return f"{PERSON[n]},{T[n]:.1f},{fast[n] * X[n]:.3f},{fast[n] * Y[n]:.3f},{kind[n]}"
+
+    keys, draft, tracks = drafted(file_of(tmp_path / "a.csv", line, "id,t,x,y,label"), tmp_path)
+    assert keys["only"] == {"label": ["Pedestrian"]}
+    assert "decide" in line_of(draft, "only")
+    assert sum(len(part.t) for part in tracks) == (PERSON % 3 == 0).sum()
+
+
+def test_where_no_text_says_people_the_others_are_named(tmp_path):
+    kind = np.array(["visitor", "staff", "forklift truck"])[PERSON % 3]
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f},{kind[n]}", "id,t,x,y,k"
+    )
+    assert drafted(path, tmp_path)[0]["without"] == {"k": ["forklift truck"]}
+
+
+def test_other_classes_are_told_and_left_to_a_human(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f},{PERSON[n] % 3}", "id,t,x,y,class"
+    )
+    keys, draft, _ = drafted(path, tmp_path)
+    assert not {"only", "without"} & set(keys)
+    assert "column 'class' holds 0, 1, 2" in draft
+
+
+def test_an_id_that_stands_twice_at_a_time_belongs_to_another_column(tmp_path):
+    def line(n):
+        return "\n".join(f"s{c},{PERSON[n]},{T[n]:.1f},{X[n] + 9 * c:.3f},{Y[n]:.3f}" for c in (1, 2))
+
+    keys, draft, tracks = drafted(file_of(tmp_path / "a.csv", line, "session,id,t,x,y"), tmp_path)
+    assert keys["columns"]["track_id"] == ["session", "id"]
+    assert "units" not in keys
+    assert "decide" in line_of(draft, "columns")
+    assert sum(len(part.t) for part in tracks) == 2 * len(ROWS)
+
+
+def test_boxes_of_a_tracker_are_frames_and_pixels(tmp_path):
+    left, top = np.rint(40 * X + 800).astype(int), np.rint(20 * Y + 600).astype(int)
+    by_frame = np.lexsort((PERSON, FRAME))
+
+    def line(n):
+        n = by_frame[n]
+        return f"{FRAME[n] // 25 + 1},{PERSON[n]},{left[n]},{top[n]},21.5,60,1,-1,-1,-1"
+
+    for header in ("", "frame,id,bb_left,bb_top,bb_width,bb_height,conf,x,y,z"):
+        keys, draft, _ = drafted(file_of(tmp_path / "a.csv", line, header), tmp_path)
+        names = {"track_id": "id", "t": "frame", "x": "bb_left", "y": "bb_top"}
+        assert keys["columns"] == (names if header else {"track_id": 1, "t": 0, "x": 2, "y": 3})
+        assert keys["units"] == {"time": "frame", "length": "px"}
+        assert all("decide" in line_of(draft, key) for key in ("columns", "frame_rate", "scale"))
+        assert "box" in line_of(draft, "columns")
+
+
+def test_boxes_with_lost_rows_and_classes(tmp_path):
+    left, top = np.rint(30 * X + 500).astype(int), np.rint(30 * Y + 500).astype(int)
+    kind = np.array(["Pedestrian", "Biker"])[PERSON % 2]
+
+    def line(n):
+        box = f"{left[n] - 10} {top[n] - 20} {left[n] + 10} {top[n] + 20}"
+        return f'{PERSON[n]} {box} {FRAME[n]} {int(SOME[n])} 0 {n % 2} "{kind[n]}"'
+
+    keys, _, _ = drafted(file_of(tmp_path / "annotations.txt", line), tmp_path)
+    assert keys["columns"] == {"track_id": 0, "t": 5, "x": 1, "y": 2}
+    assert keys["units"] == {"time": "frame", "length": "px"}
+    assert keys["only"] == {"9": ["Pedestrian"]}
+    assert keys["without"] == {"6": [1]} or keys["without"] == {"6": ["1"]}
+
+
+@pytest.mark.parametrize("unit", ["s", "frame"])
+def test_whole_numbers_are_asked_about(tmp_path, unit):
+    """Seconds and centimetres, or frames and pixels: the file does not say it."""
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{int(T[n])},{100 * X[n]:.0f},{100 * Y[n] - 9000:.0f}",
+        "id,frame,x,y" if unit == "frame" else "id,t,x,y",
+    )  # fmt: skip
+    _, draft, _ = drafted(path, tmp_path)
+    assert "decide" in line_of(draft, "units")
+
+
+@pytest.mark.parametrize("name", ["timestamp", "time_ms", "seconds"])
+def test_times_are_preferred_to_frames(tmp_path, name):
+    factor, begin = {"timestamp": (1, 1_772_442_000), "time_ms": (1000, 0), "seconds": (1, 0)}[name]
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]},{FRAME[n]},{begin + factor * T[n]:.2f},{X[n]:.3f},{Y[n]:.3f}",
+        f"id,frame,{name},x,y",
+    )
+    keys, _, _ = drafted(path, tmp_path)
+    assert keys["columns"]["t"] == name
+    assert "frame_rate" not in keys
+
+
+def test_a_height_is_not_a_position(tmp_path):
+    height = 1.7 + RNG.normal(0, 0.03, len(ROWS))
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{height[n]:.3f},{Y[n]:.3f}", "id,t,x,y,z"
+    )
+    keys, draft, _ = drafted(path, tmp_path)
+    assert keys["columns"] == {**PLACES, "y": "z"}
+    assert "decide" in line_of(draft, "columns")
+
+
+@pytest.mark.parametrize("length", ["m", "mm"])
+def test_a_national_grid_gets_a_local_origin(tmp_path, length):
+    per = {"m": 1, "mm": 1000}[length]
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]},{T[n]:.1f},{per * (X[n] + 512_345):.3f},{per * (Y[n] + 6_570_123):.3f}",
+        "id,t,x,y",
+    )
+    keys, draft, tracks = drafted(path, tmp_path)
+    assert np.abs(np.subtract(keys["origin_m"], (512_345, 6_570_123))).max() < 100
+    assert "decide" in line_of(draft, "origin_m")
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+def test_feet(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n] / 0.3048:.3f},{Y[n] / 0.3048:.3f}",
+        "id,t,x (ft),y (ft)",
+    )
+    keys, _, _ = drafted(path, tmp_path)
+    assert (keys["units"], keys["scale"]) == ({"length": "px"}, 0.3048)
+
+
+def test_names_in_another_encoding_are_called_by_position(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]};{T[n]:.1f};{X[n]:.3f};{Y[n]:.3f};Straße",
+        "Fußgänger;Zeit;x;y;wo",
+        "cp1252",
+    )
+    keys, _, tracks = drafted(path, tmp_path)
+    assert keys["columns"]["track_id"] == 0
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+def test_quoted_ids_may_hold_the_separator(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f'"Smith, {PERSON[n]}",{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}', '"id","t","x","y"'
+    )
+    keys, _, tracks = drafted(path, tmp_path)
+    assert keys["columns"] == PLACES
+    assert sum(len(np.unique(part.track_id)) for part in tracks) == 30
+
+
+@pytest.mark.parametrize(
+    ("header", "line", "told"),
+    [
+        ("id,time,x,y", "{p},{days:.8f},{x:.3f},{y:.3f}", "days, as spreadsheets count them (2026-03-02 09:00"),
+        ("id,minutes,x,y", "{p},{minutes:.6f},{x:.3f},{y:.3f}", "minutes"),
+        ("id,t,x,y", "{p},{minutes:.6f},{x:.3f},{y:.3f}", "minutes"),
+        ("id,t,lat,lon", "{p},{t:.1f},{lat:.8f},{lon:.8f}", "project them to metres"),
+        ("id,t,x,y", "{p},{t:.1f},{lon:.8f},{lat:.8f}", "project them to metres"),
+        ("", "{p},{t:.1f},{lat:.8f},{lon:.8f}", "project them to metres"),
+        ("date,time,id,x,y", "2026-03-02,{clock},{p},{x:.3f},{y:.3f}", "write both into one column"),
+        ("t,x1,y1,x2,y2,x3,y3", "{t:.1f},{x:.2f},{y:.2f},{y:.2f},{x:.2f},{y:.2f},{y:.2f}", "one row for each person"),
+        ("id,t,x,y", '{p},{t:.1f},"{mm:,.0f}","{mm:,.0f}"', "no numbers"),
+    ],
+)
+def test_what_no_option_reads_is_answered_with_the_remedy(tmp_path, header, line, told):
+    def written(n):
+        return line.format(
+            p=PERSON[n], t=T[n], x=X[n], y=Y[n], days=46083.375 + T[n] / 86400, minutes=T[n] / 60,
+            lat=59.2741 + Y[n] / 111_000, lon=15.2066 + X[n] / 56_900, mm=1000 * X[n],
+            clock=f"09:{int(T[n]) // 60:02d}:{T[n] % 60:04.1f}",
+        )  # fmt: skip
+
+    assert told in refused(file_of(tmp_path / "a.csv", written, header))
+
+
+def test_a_header_and_nothing_else(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("id,t,x,y\n")
+    assert "no row" in refused(path)
+
+
+def one_file_each(folder, header, text, suffix="csv"):
+    folder.mkdir()
+    for person in np.unique(PERSON):
+        rows = [text(n) for n in np.flatnonzero(person == PERSON)]
+        (folder / f"p{person:03d}.{suffix}").write_text("\n".join([header, *rows] if header else rows) + "\n")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("header", "text", "columns"),
+    [
+        ("t,x,y", lambda n: f"{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", {"t": "t", "x": "x", "y": "y"}),
+        ("", lambda n: f"{T[n]:.1f} {X[n]:.3f} {Y[n]:.3f}", {"t": 0, "x": 1, "y": 2}),
+        ("id,t,x,y", lambda n: f"7,{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", {"t": "t", "x": "x", "y": "y"}),
+        ("t;x;y;z", lambda n: f"{T[n]:.1f};{X[n]:.3f};{Y[n]:.3f};1.7", {"t": "t", "x": "x", "y": "y"}),
+    ],
+)
+def test_a_folder_with_a_file_for_each_person(tmp_path, header, text, columns):
+    folder = one_file_each(tmp_path / "persons", header, text)
+    keys, _, tracks = drafted(folder, tmp_path)
+    assert keys["file_is"] == "person"
+    assert keys["columns"] == columns
+    assert keys["recordings"][0]["files"] == "persons/*.csv"
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+    if not header.startswith("id"):
+        assert "inspect its folder" in refused(folder / "p003.csv")
+
+
+def test_classes_in_a_file_for_each_person(tmp_path):
+    kind = np.array(["Pedestrian", "Biker"])[PERSON % 2]
+    for header in ("t,x,y,kind", ""):
+        folder = one_file_each(
+            tmp_path / f"persons{len(header)}", header, lambda n: f"{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f},{kind[n]}"
+        )
+        keys, _, tracks = drafted(folder, tmp_path)
+        assert keys["only"] == {"kind" if header else "3": ["Pedestrian"]}
+        assert sum(len(part.t) for part in tracks) == (PERSON % 2 == 0).sum()
+
+
+def test_a_folder_of_recordings_lists_them(tmp_path):
+    (tmp_path / "days").mkdir()
+    for day, begin in enumerate((0, 86_400, 172_800)):
+        file_of(
+            tmp_path / f"days/{day}.csv",
+            lambda n, begin=begin: (
+                f"{PERSON[n]},{1_772_442_000 + begin + T[n]:.1f},{X[n] + begin / 1e5:.3f},{Y[n]:.3f}"
+            ),
+            "id,t,x,y",
+        )
+    keys, draft, tracks = drafted(tmp_path / "days", tmp_path)
+    assert [(one["files"], str(one["day"]), one["split"]) for one in keys["recordings"]] == [
+        ("days/0.csv", "2026-03-02", "train"), ("days/1.csv", "2026-03-03", "train"),
+        ("days/2.csv", "2026-03-04", "test"),
+    ]  # fmt: skip
+    assert "2 other files" in draft
+    assert len(tracks) == 3
+
+
+def test_a_folder_without_a_recording_is_refused(tmp_path):
+    (tmp_path / "nothing").mkdir()
+    assert "no file" in refused(tmp_path / "nothing")
+
+
+def test_a_path_under_the_data_root_is_relative_also_through_a_link(tmp_path, monkeypatch):
+    (tmp_path / "disk").mkdir()
+    file_of(tmp_path / "disk/a.csv", lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", "id,t,x,y")
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data/site").symlink_to(tmp_path / "disk")
+    monkeypatch.chdir(tmp_path)
+    for path in ("data/site/a.csv", tmp_path / "data/site/a.csv", "disk/../data/site/a.csv"):
+        found = inspect_file(path, "data")
+        assert yaml.safe_load(found.draft)["recordings"][0]["files"] == "site/a.csv"
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert yaml.safe_load(inspect_file("data/site/a.csv", "~/data").draft)["recordings"][0]["files"] == "site/a.csv"
+    outside = inspect_file("disk/a.csv", "data")
+    assert "decide" in next(line for line in outside.draft.splitlines() if "a.csv" in line)
+
+
+# --- columns that are not what they may seem ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("header", ["id,t,x,y", ""])
+def test_a_row_number_is_no_position(tmp_path, header):
+    """As pandas and R write it: with a header, that has a name less."""
+    path = file_of(tmp_path / "a.csv", lambda n: f"{n},{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", header)
+    keys, _, _ = drafted(path, tmp_path)
+    assert keys["columns"] == {"track_id": 1, "t": 2, "x": 3, "y": 4}
+
+
+def test_a_second_time_is_no_position(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda n: f"{FRAME[n]},{T[n]:.1f},{PERSON[n]},{X[n]:.3f},{Y[n]:.3f}")
+    keys, _, _ = drafted(path, tmp_path)
+    assert {role: keys["columns"][role] for role in ("track_id", "x", "y")} == {"track_id": 2, "x": 3, "y": 4}
+
+
+def test_angles_are_no_positions(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]},{T[n]:.1f},{np.hypot(X[n], Y[n]):.3f},{np.arctan2(Y[n], X[n]):.4f}",
+        "id,t,range,bearing",
+    )
+    assert "no choice of id, time, x and y" in refused(path)
+
+
+@pytest.mark.parametrize("names", ["secs,nsecs", "stamp_sec,stamp_nanosec"])
+def test_times_in_two_columns_of_seconds_and_less(tmp_path, names):
+    rows = people(number=20, rows=60, step_s=0.2)
+    lines = [f"{int(t)},{round(t % 1 * 1e9):d},{int(p)},{x:.3f},{y:.3f}" for p, t, x, y, _, _ in rows]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([f"{names},id,x,y", *lines]) + "\n")
+    assert "add them up" in refused(path)
+
+
+def test_a_first_row_that_was_not_measured_is_no_header(tmp_path):
+    def line(n):
+        return f"{PERSON[n]},{T[n]:.1f}," + ("NULL,NULL" if n % 7 == 0 else f"{X[n]:.3f},{Y[n]:.3f}")
+
+    keys, _, _ = drafted(file_of(tmp_path / "a.csv", line, "id,t,x,y"), tmp_path)
+    assert keys["columns"] == PLACES
+    assert "skip_lines" not in keys
+
+
+def test_robots_among_the_ids(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{'Robot_1' if PERSON[n] == 4 else PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}",
+        "id,t,x,y",
+    )
+    keys, draft, tracks = drafted(path, tmp_path)
+    assert keys["without"] == {"id": ["Robot_1"]}
+    assert "decide" in line_of(draft, "without")
+    assert sum(len(part.t) for part in tracks) == (PERSON != 4).sum()
+
+
+@pytest.mark.parametrize("unit", ["km", "standing", "minutes of iso"])
+def test_where_nothing_gives_a_walking_speed_positions_stay_metres_and_are_asked_about(tmp_path, unit):
+    def line(n):
+        if unit == "km":
+            return f"{PERSON[n]},{T[n]:.2f},{X[n] / 1000:.6f},{Y[n] / 1000:.6f}"
+        if unit == "standing":
+            return f"{PERSON[n]},{T[n] + 0.01:.2f},{PERSON[n] + RNG.normal(0, 0.01):.3f},{RNG.normal(0, 0.01):.3f}"
+        return f"{PERSON[n]},2026-03-02T09:{int(T[n]) // 60:02d},{X[n]:.3f},{Y[n]:.3f}"
+
+    found = inspect_file(file_of(tmp_path / "a.csv", line, "id,t,x,y"), tmp_path)
+    keys = yaml.safe_load(found.draft)
+    assert "scale" not in keys
+    assert keys["units"]["length"] == "m"
+    assert "decide: positions have no unit, and no unit gives a walking speed" in line_of(found.draft, "units")
+
+
+def test_kilometres_by_name(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n] / 1000:.6f},{Y[n] / 1000:.6f}", "id,t,x_km,y_km"
+    )
+    keys, _, _ = drafted(path, tmp_path)
+    assert (keys["units"], keys["scale"]) == ({"length": "px"}, 1000.0)
+
+
+def test_times_that_go_back_within_an_id_are_asked_about(tmp_path):
+    """A clock that begins anew at midnight, or two recordings in one file."""
+    by_time = np.lexsort((PERSON, T))
+    midnight = file_of(
+        tmp_path / "a.csv",
+        lambda n: (
+            f"{PERSON[by_time[n]]},{(86_350 + T[by_time[n]]) % 86_400:.1f},{X[by_time[n]]:.3f},{Y[by_time[n]]:.3f}"
+        ),
+        "id,t,x,y",
+    )
+    assert "times go back" in drafted(midnight, tmp_path)[1]
+    for order in (np.arange(len(PERSON)), by_time, by_time[::-1], RNG.permutation(len(PERSON))):
+        path = file_of(
+            tmp_path / "b.csv",
+            lambda n, order=order: f"{PERSON[order[n]]},{T[order[n]]:.1f},{X[order[n]]:.3f},{Y[order[n]]:.3f}",
+            "id,t,x,y",
+        )
+        assert "times go back" not in drafted(path, tmp_path)[1]
+
+
+def test_times_from_each_person_s_own_begin_are_asked_about(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n] - 3 * PERSON[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", "id,t,x,y"
+    )
+    assert "begin at the same time" in drafted(path, tmp_path)[1]
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ('[{"id": 1, "t": 0.0, "x": 1.0, "y": 2.0},\n{"id": 1, "t": 1.0, "x": 2.0, "y": 2.0}]\n', "is JSON"),
+        ("id,t,x,y\n" + "".join(f"1,{n}s,{n}.5m,2.0m\n" for n in range(20)), "numbers with their units"),
+    ],
+)
+def test_other_tables_are_refused_with_the_reason(tmp_path, content, told):
+    path = tmp_path / "a.csv"
+    path.write_text(content)
+    assert told in refused(path)
