@@ -7,7 +7,6 @@ most likely latent value (what we score) with the most likely velocity of its wh
 five DDIM steps (what we score) with all hundred of DDPM.
 """
 
-import json
 import sys
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from modlhmp.networks.data import Scenes, day_of, scenes_at
 from modlhmp.networks.network import track_ade
 from modlhmp.networks.training import build_network
 from modlhmp.networks.trajectronpp import mixture_log_density, moments_of
+from modlhmp.networks.weights import read_weights
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.streams import stream_keys
@@ -30,12 +30,11 @@ TRACKS, SAMPLES = 300, 5
 
 def load(folder, method):
     """A trained network and the scenes' shape, whatever the configuration."""
-    stored = torch.load(folder / "models" / f"{method}.pt", weights_only=True)
-    settings = json.loads(stored["settings"])
+    weights, settings = read_weights(folder / "models" / f"{method}.safetensors")
     kind, (steps, observed_rows, step_s) = find(settings["kind"]), settings["shape"]
     site = Site(time_step_s=step_s, horizon_s=steps * step_s, observed_rows=observed_rows)
     network = build_network(kind, build(kind.options, settings["options"]), site)
-    network.load_state_dict(stored["weights"])
+    network.load_state_dict(weights)
     return network.eval(), settings["shape"]
 
 

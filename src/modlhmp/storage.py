@@ -1,4 +1,4 @@
-"""Parquet files with their provenance: written under a temporary name, then renamed, so none is ever half.
+"""Files with their provenance, Parquet and JSON: written under a temporary name, then renamed, so none is ever half.
 
 Each carries a seal, the SHA-256 of its own bytes with zeros where the seal stands: a single bit that differs anywhere,
 in numbers, names or footer, is an error. Parquet's page checksums would not cover names, types and metadata.
@@ -20,6 +20,8 @@ import pyarrow.parquet as pq
 
 _PROVENANCE = b"modlhmp"
 _SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64
+_NOT_AS_WRITTEN = "is not as it was written (its seal does not fit); delete it and make it again"
+_SEAL_OF_TEXT = b'"%s": "' % _SEAL  # what stands before the seal in JSON
 _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
 }  # fmt: skip
@@ -114,7 +116,7 @@ def _check_seal(path: str, size: int, changed_ns: int, inode: int) -> None:
     """`DataError` where a file of ours is not as it was written; a file is looked at once."""
     keys, (digest, place) = pq.read_metadata(path).metadata or {}, _digest(path)
     if keys.get(_SEAL, b"").decode("ascii", "replace") != digest and (place or _PROVENANCE in keys):
-        raise DataError(f"{path}: is not as it was written (its seal does not fit); delete it and make it again")
+        raise DataError(f"{path}: {_NOT_AS_WRITTEN}")
 
 
 def _seal(path: Path) -> None:
@@ -163,6 +165,46 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
     return found
 
 
+def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Write a mapping as JSON that only `read_json` needs to understand: its first key is the seal."""
+    text = json.dumps({**unsealed(), **content}, indent=1) + "\n"
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(sealed(text.encode()))
+
+
+def read_json(path: str | Path) -> dict[str, Any]:
+    """The mapping that `write_json` wrote; a missing or damaged file is a `DataError` that says how to get it back."""
+    content = json.loads(read_sealed(path))
+    del content[_SEAL.decode()]
+    return content
+
+
+def unsealed() -> dict[str, str]:
+    """The key of JSON that `sealed` fills; it comes before all that may hold any text."""
+    return {_SEAL.decode(): _UNSEALED.decode()}
+
+
+def sealed(content: bytes) -> bytes:
+    """JSON, or what begins with it, with the digest of all in place of the zeros of its key `modlhmp.seal`."""
+    start = content.index(_SEAL_OF_TEXT) + len(_SEAL_OF_TEXT)
+    return content[:start] + hashlib.sha256(content).hexdigest().encode() + content[start + len(_UNSEALED) :]
+
+
+def read_sealed(path: str | Path) -> bytes:
+    """The bytes of a file whose seal (`sealed`) is whole; `DataError` where it is not, or there is no such file."""
+    try:
+        content = Path(path).read_bytes()
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file; if the workflow makes it, run the workflow again") from None
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror})") from None
+    before, mark, after = content.partition(_SEAL_OF_TEXT)
+    seal, rest = after[: len(_UNSEALED)], after[len(_UNSEALED) :]
+    if hashlib.sha256(before + mark + _UNSEALED + rest).hexdigest().encode() != seal:
+        raise DataError(f"{path}: {_NOT_AS_WRITTEN}")
+    return content
+
+
 def write_text(path: str | Path, text: str) -> None:
     """Write a text file atomically."""
     with atomic_path(path) as temporary:
@@ -209,8 +251,8 @@ def provenance(wildcards: Mapping[str, Any], params: Mapping[str, Any], inputs: 
     for path in map(Path, inputs):
         for file in sorted(path.glob("*.parquet")) if path.is_dir() else [path]:
             origin = read_metadata(file) if file.suffix == ".parquet" else None
-            if file.suffix == ".json":
-                origin = json.loads(file.read_text()).get("origin")
+            if file.suffix == ".json" and any(mark in file.read_bytes() for mark in (_SEAL, b'"origin"')):
+                origin = read_json(file).get("origin")
             if origin:
                 sources.update(origin.get("sources", {}))
                 upstream.add((str(origin.get("settings")), str(origin.get("code"))))

@@ -1,11 +1,29 @@
 """A file of ours in which a single bit differs is refused; a foreign one without a seal is read."""
 
+import json
+import logging
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import torch
 
-from modlhmp.storage import DataError, read_metadata, read_parquet, read_pieces, write_parquet, write_pieces
+import modlhmp
+from modlhmp.networks.training import load_checkpoint, save_checkpoint
+from modlhmp.networks.weights import read_weights, write_weights
+from modlhmp.storage import (
+    DataError,
+    provenance,
+    read_json,
+    read_metadata,
+    read_parquet,
+    read_pieces,
+    write_json,
+    write_parquet,
+    write_pieces,
+)
 
 TABLE = pa.table(
     {"track_id": np.arange(40), "x": np.linspace(0, 1, 40, dtype=np.float32), "who": [f"P{i}" for i in range(40)]}
@@ -80,3 +98,118 @@ def test_our_own_file_without_its_seal_is_refused(tmp_path):
     pq.write_table(TABLE.replace_schema_metadata({b"modlhmp": b"{}"}), tmp_path / "a.parquet")
     with pytest.raises(DataError, match="seal"):
         read_parquet(tmp_path / "a.parquet")
+
+
+def test_nothing_but_the_storage_layer_opens_parquet():
+    """So that no reader goes around the seal."""
+    source = Path(modlhmp.__file__).parent
+    around = [
+        file.name
+        for file in source.rglob("*.py")
+        if file.name != "storage.py"
+        and any(way in file.read_text() for way in ("pyarrow.parquet", "pyarrow.dataset", "pd.read_parquet"))
+    ]
+    assert around == []
+
+
+# --- JSON and weights ---------------------------------------------------------------------------------------
+
+TOLD = {"minutes": 3.25, "curve": [{"epoch": 1, "what": 'ä "modlhmp.seal": "'}], "origin": {"code": "abc"}}
+WEIGHTS = {
+    "bias": torch.linspace(-1, 1, 5),
+    "steps": torch.tensor(7),
+    "weight": torch.arange(6, dtype=torch.float64).reshape(2, 3).t(),
+    "none": torch.zeros(0, 4),
+}
+WRITE = {
+    "json": lambda path: write_json(path, TOLD),
+    "safetensors": lambda path: write_weights(path, WEIGHTS, {"kind": "lstm", "shape": [8, 4, 1.0]}),
+}
+READ = {"json": read_json, "safetensors": read_weights}
+
+
+def test_json_is_read_as_it_was_written(tmp_path):
+    write_json(tmp_path / "a.json", TOLD)
+    assert read_json(tmp_path / "a.json") == TOLD
+    assert json.loads((tmp_path / "a.json").read_text()).items() >= TOLD.items()
+
+
+def test_weights_are_read_as_they_were_written(tmp_path):
+    WRITE["safetensors"](tmp_path / "a.safetensors")
+    weights, settings = read_weights(tmp_path / "a.safetensors")
+    assert settings == {"kind": "lstm", "shape": [8, 4, 1.0]}
+    assert list(weights) == list(WEIGHTS)
+    for name, value in WEIGHTS.items():
+        assert weights[name].dtype == value.dtype
+        assert weights[name].shape == value.shape
+        assert torch.equal(weights[name], value)
+
+
+def test_weights_have_the_form_of_safetensors(tmp_path):
+    """By its specification, since the package is no part of the environment."""
+    WRITE["safetensors"](tmp_path / "a.safetensors")
+    content = (tmp_path / "a.safetensors").read_bytes()
+    length = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + length])
+    assert length % 8 == 0
+    assert content[8:9] == b"{"
+    assert all(isinstance(value, str) for value in header.pop("__metadata__").values())
+    ends = [end for one in header.values() for end in one["data_offsets"]]
+    assert ends == sorted(ends)
+    assert (ends[0], ends[-1]) == (0, len(content) - 8 - length)
+    assert header["weight"]["dtype"] == "F64"
+    assert header["weight"]["shape"] == [3, 2]
+    first, last = header["weight"]["data_offsets"]
+    numbers = np.frombuffer(content[8 + length :][first:last], "<f8").reshape(3, 2)
+    np.testing.assert_array_equal(numbers, WEIGHTS["weight"].numpy())
+
+
+@pytest.mark.parametrize("form", WRITE)
+def test_every_flipped_bit_of_json_and_weights_is_an_error_that_names_the_file(tmp_path, form):
+    path = tmp_path / f"a.{form}"
+    WRITE[form](path)
+    written = path.read_bytes()
+    for bit in range(8 * len(written)):
+        damaged = bytearray(written)
+        damaged[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(damaged)
+        with pytest.raises(DataError, match=rf"a\.{form}: .*; delete it and make it again"):
+            READ[form](path)
+
+
+@pytest.mark.parametrize("form", WRITE)
+def test_cut_emptied_and_longer_files_are_errors(tmp_path, form):
+    path = tmp_path / f"a.{form}"
+    WRITE[form](path)
+    written = path.read_bytes()
+    for content in (b"", written[:7], written[:-1], written[1:], written + b"\n", written[:200] + written):
+        path.write_bytes(content)
+        with pytest.raises(DataError, match="delete it and make it again"):
+            READ[form](path)
+
+
+def test_the_origin_of_damaged_json_is_not_taken(tmp_path):
+    """Also where the damage hides what tells our files from others."""
+    path = tmp_path / "a.json"
+    write_json(path, TOLD)
+    assert provenance({}, {}, [path])["sources"] == {}
+    for mark in (b"modlhmp.seal", b"origin"):
+        path.write_bytes(json.dumps({"modlhmp.seal": "0" * 64, **TOLD}).encode().replace(mark, b"x" * len(mark), 1))
+        with pytest.raises(DataError, match="seal"):
+            provenance({}, {}, [path])
+
+
+def test_json_of_others_is_a_source(tmp_path):
+    (tmp_path / "sheet.json").write_text('{"task": "abc"}')
+    assert list(provenance({}, {}, [tmp_path / "sheet.json"])["sources"]) == ["sheet.json"]
+
+
+def test_a_training_does_not_go_on_from_a_damaged_checkpoint(tmp_path):
+    """Torch reads one in which numbers have changed without a word."""
+    path, log = tmp_path / "a.checkpoint", logging.getLogger("checkpoint")
+    save_checkpoint(path, {"fingerprint": "abc", "weights": WEIGHTS})
+    assert load_checkpoint(path, "abc", log)["weights"]["steps"] == 7
+    written = path.read_bytes()
+    for byte in range(0, len(written), 23):
+        path.write_bytes(written[:byte] + bytes([written[byte] ^ 16]) + written[byte + 1 :])
+        assert load_checkpoint(path, "abc", log) is None

@@ -26,7 +26,7 @@ def minute_epochs(monkeypatch):
 def run(tmp_path, minute_epochs):
     """Function (epochs=1, file=..., options={}, **learning) -> what `train_long_enough` returns for an LSTM."""
 
-    def start(epochs=1, file=tmp_path / "lstm.pt", options=None, **learning):
+    def start(epochs=1, file=tmp_path / "lstm.st", options=None, **learning):
         chosen = replace(LEARNING, **{"doubling": True, "most_minutes": 60.0, **learning})
         options = options_of("lstm", epochs, **(options or {}))
         return train_long_enough(find("lstm"), options, two_days(), SITE, chosen, file, LOG)
@@ -74,7 +74,7 @@ def test_twice_the_windows_are_twice_the_passes(run, tmp_path, monkeypatch):
     """Even if the windows are less than one, or not a whole number of them."""
     monkeypatch.setattr(doubling, "GAIN", -10.0)
     assert windows_of(run(options={"windows": 1}, most_minutes=7.0)[2]) == [1, 2, 4]
-    forget(tmp_path / "lstm.pt")
+    forget(tmp_path / "lstm.st")
     assert windows_of(run(options={"windows": 1 + drawn("lstm")}, most_minutes=6.0)[2]) == [2, 4]
 
 
@@ -123,7 +123,7 @@ def test_what_a_training_that_stopped_early_may_take_with_twice_the_windows():
 def test_an_interrupted_job_gives_the_weights_of_an_undisturbed_one(run, tmp_path, monkeypatch, caplog):
     """Broken off in the second training: the first is not made again, the second goes on."""
     monkeypatch.setattr(doubling, "GAIN", -10.0)  # every longer training is used
-    whole = run(epochs=2, file=tmp_path / "whole.pt", most_minutes=6.0)
+    whole = run(epochs=2, file=tmp_path / "whole.st", most_minutes=6.0)
     assert windows_of(whole[2]) == [2, 4]
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         interrupt(patch, 2 + 3)
@@ -140,10 +140,13 @@ def test_an_interrupted_job_gives_the_weights_of_an_undisturbed_one(run, tmp_pat
 
 def test_checkpoints_are_those_of_one_network(run, tmp_path, monkeypatch):
     monkeypatch.setattr(doubling, "GAIN", -10.0)
-    for name in ("lstm.pt", "lstm_axes.pt"):
+    for name in ("lstm.st", "lstm_axes.st"):
         run(file=tmp_path / name, most_minutes=3.0)
     (tmp_path / "lstm.json").touch()
-    assert [path.name for path in checkpoints(tmp_path / "lstm.pt")] == ["lstm.2.checkpoint", "lstm.checkpoint"]
-    forget(tmp_path / "lstm.pt")
+    assert [path.name for path in checkpoints(tmp_path / "lstm.st")] == [
+        "lstm.2.checkpoint",
+        "lstm.checkpoint",
+    ]
+    forget(tmp_path / "lstm.st")
     left = sorted(path.name for path in tmp_path.iterdir())
     assert left == ["lstm.json", "lstm_axes.2.checkpoint", "lstm_axes.checkpoint"]

@@ -28,7 +28,7 @@ from modlhmp.networks.training import (
 from modlhmp.options import Learning
 from modlhmp.settings import check
 from modlhmp.site import Site
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, write_json
 from modlhmp.tracks import concatenate, empty_tracks
 
 LOG = logging.getLogger("training")
@@ -412,8 +412,8 @@ def saved(tmp_path):
         network = build_network(find(kind), options, SITE).eval()
         for buffer in (buffer for name, buffer in network.named_buffers() if name == "modes"):
             buffer.copy_(torch.randn(buffer.shape).cumsum(1))
-        save_network(tmp_path / f"{kind}.pt", find(kind), options, SITE, network.state_dict())
-        return tmp_path / f"{kind}.pt", network
+        save_network(tmp_path / f"{kind}.safetensors", find(kind), options, SITE, network.state_dict())
+        return tmp_path / f"{kind}.safetensors", network
 
     return save
 
@@ -445,12 +445,47 @@ def test_weights_of_another_configuration_are_refused(kind, options, site, named
 
 
 @pytest.mark.parametrize("damage", [cut_short, emptied, overwritten, lambda path: torch.save({"a": 1}, path),
-                                    lambda path: torch.save([1], path), lambda path: path.unlink()])  # fmt: skip
+                                    lambda path: write_json(path, {"a": 1})])  # fmt: skip
 def test_files_that_are_no_weights_are_refused(damage, saved):
     path, _ = saved("lstm")
     damage(path)
-    with pytest.raises(DataError, match=rf"{re.escape(str(path))}: cannot be read as weights .*delete it and run"):
+    with pytest.raises(DataError, match=rf"{re.escape(str(path))}: .*; delete it and "):
         load_network(path, find("lstm"), options_of("lstm"), SITE)
+
+
+def test_missing_weights_are_called_missing(saved):
+    path, _ = saved("lstm")
+    path.unlink()
+    with pytest.raises(DataError, match=rf"{re.escape(str(path))}: no such file; .* run the workflow again"):
+        load_network(path, find("lstm"), options_of("lstm"), SITE)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_weights_that_are_no_finite_numbers_are_refused(value, saved):
+    path, network = saved("lstm")
+    weights = network.state_dict()
+    weights["embed.bias"][3] = value
+    save_network(path, find("lstm"), options_of("lstm"), SITE, weights)
+    with pytest.raises(DataError, match=rf"{re.escape(str(path))}: embed\.bias holds NaN or infinity.*; delete it and"):
+        load_network(path, find("lstm"), options_of("lstm"), SITE)
+
+
+@pytest.mark.parametrize("change", [lambda w: w.pop("embed.bias"), lambda w: w.update(other=torch.zeros(2)),
+                                    lambda w: w.update({"embed.bias": torch.zeros(3)})])  # fmt: skip
+def test_weights_of_other_shapes_are_refused(change, saved):
+    path, network = saved("lstm")
+    change(weights := dict(network.state_dict()))
+    save_network(path, find("lstm"), options_of("lstm"), SITE, weights)
+    with pytest.raises(DataError, match=rf"{re.escape(str(path))}: of another network .*; delete it and run again"):
+        load_network(path, find("lstm"), options_of("lstm"), SITE)
+
+
+def test_the_same_weights_are_the_same_bytes_whatever_the_process_and_the_name(saved, tmp_path):
+    """Also of a copy that lies otherwise in memory."""
+    path, network = saved("lstm")
+    weights = {name: value.t().contiguous().t() for name, value in network.state_dict().items()}
+    save_network(tmp_path / "other.safetensors", find("lstm"), options_of("lstm"), SITE, weights)
+    assert path.read_bytes() == (tmp_path / "other.safetensors").read_bytes()
 
 
 # --- forecasts ----------------------------------------------------------------------------------------------

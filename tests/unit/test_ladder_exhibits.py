@@ -1,6 +1,5 @@
 """The ladder's table and figure: a row per rung, what each is compared with, dashes for what there is not."""
 
-import json
 import re
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from matplotlib import image
 
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.protocols import PROTOCOLS
-from modlhmp.storage import write_parquet
+from modlhmp.storage import write_json, write_parquet
 from modlhmp.study.exhibits import ladder_figure, ladder_table, style
 from modlhmp.study.ladder import DIFFERENCES, SCORES
 from modlhmp.study.layout import Layout
@@ -86,7 +85,7 @@ def write(folder, scores=None, differences=None, dataset=HALL, rungs=LADDER, day
     layout = Layout("try", str(folder))
     store(layout, dataset, "scores", scored() if scores is None else scores)
     store(layout, dataset, "differences", compared() if differences is None else differences)
-    Path(layout.costs(dataset.name)).write_text(json.dumps(costs))
+    write_json(layout.costs(dataset.name), costs)
     ladder_table.draw(layout, dataset, str(folder / "t"), **rungs, titles=TITLES, days=days)
     return pd.read_csv(folder / "t.csv", dtype=str, keep_default_na=False)
 

@@ -1,13 +1,12 @@
 """What becomes of the runtime study's numbers: the figure, and the claims about time, memory and sizes."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.storage import write_text
+from modlhmp.storage import write_json
 from modlhmp.study import claims
 from modlhmp.study.exhibits.runtime_figure import draw
 from modlhmp.study.layout import Layout
@@ -32,7 +31,7 @@ def test_figure_holds_the_numbers(tmp_path):
     other = made_up(exponents={"N": nothing, "T": nothing, "M": nothing})
     own = dataclasses.replace(HALL, name="own", label="own")
     for dataset, measured in ((HALL, made_up()), (own, other)):
-        write_text(layout.runtime(dataset.name), json.dumps(measured))
+        write_json(layout.runtime(dataset.name), measured)
     draw(layout, [HALL, own], str(tmp_path / "f"), "TC-CLiFF")
     table = pd.read_csv(tmp_path / "f.csv").set_index(["dataset", "quantity"])
     assert table.loc[("hall", "memory_mb"), "value"].item() == 200

@@ -1,13 +1,11 @@
 """Table and figure of the networks' trainings, from made-up curves."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
 
 from modlhmp.datasets import Dataset
+from modlhmp.storage import write_json
 from modlhmp.study.exhibits import learning_curves, trainings
 from modlhmp.study.layout import Layout
 
@@ -65,9 +63,7 @@ def layout(tmp_path):
                 "device": "cpu", "threads": 1, "trainings": [{"core_minutes": 2.5}, {"core_minutes": 5.25}],
                 "convergence": CONVERGENCES[1][0],
             }  # fmt: skip
-            path = Path(layout.training(dataset.name, method))
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps(one))
+            write_json(layout.training(dataset.name, method), one)
     return layout
 
 

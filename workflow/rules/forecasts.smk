@@ -1,7 +1,7 @@
 # Forecasts of every usable test track, to the longest horizon; networks are trained first.
 #
 # INPUTS   clean test recordings; the method's map or the network's weights, if there are any
-# OUTPUTS  results/{run}/{dataset}/models/{method}.{pt,last.pt,json}, forecasts/{method}/{recording}.parquet
+# OUTPUTS  results/{run}/{dataset}/models/{method}.{safetensors,last.safetensors,json}, forecasts/{method}/{recording}.parquet
 # STEPS    train_{method}; forecast_method, forecast_with_network; average_forecasts for the mean of others,
 #          take_forecasts for those from outside
 #

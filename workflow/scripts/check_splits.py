@@ -1,14 +1,12 @@
 """Rule check_splits."""
 
-import json
-
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.logs import job_log
 from modlhmp.plausibility import ask_about
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.split_checks import check_splits
-from modlhmp.storage import write_text
+from modlhmp.storage import write_json
 from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]):
@@ -17,4 +15,4 @@ with job_log(snakemake.log[0]):
     form, site = (build(kind, snakemake.params.dataset) for kind in (FileFormat, Site))
     found = check_splits(zip(recordings, tracks, strict=True), site)
     warnings = ask_about(f"dataset {snakemake.wildcards.dataset}", found, form)
-    write_text(snakemake.output[0], json.dumps({"warnings": warnings}, indent=2) + "\n")
+    write_json(snakemake.output[0], {"warnings": warnings})

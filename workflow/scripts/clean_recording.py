@@ -1,13 +1,12 @@
 """Rule clean_recording."""
 
-import json
 from pathlib import Path
 
 from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.logs import job_log
 from modlhmp.settings import build
-from modlhmp.storage import provenance, write_text
+from modlhmp.storage import provenance, write_json
 from modlhmp.study.fetch import check_sum
 from modlhmp.tracks import write_tracks
 
@@ -21,7 +20,7 @@ with job_log(snakemake.log[0]) as log:
     tracks, account = clean_recording(path, build(FileFormat, params.dataset), recording)
     scenes = {"scenes": account.pop("scenes")} if "scenes" in account else {}
     log.info("account: %s", account)
-    write_text(snakemake.output.account, json.dumps(account, indent=2) + "\n")
+    write_json(snakemake.output.account, account)
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
     beside = scenes | {name: account[name] for name in ("owners", "persons") if name in account}
     write_tracks(tracks, snakemake.output.tracks, **origin, **beside)

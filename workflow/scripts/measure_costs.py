@@ -1,13 +1,11 @@
 """Rule measure_costs."""
 
-import json
-
 from modlhmp.kinds import find
 from modlhmp.logs import job_log
 from modlhmp.methods import Method, make_forecaster
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import write_text
+from modlhmp.storage import write_json
 from modlhmp.study.layout import Layout
 from modlhmp.study.runtime import milliseconds_per_track, some_tracks
 from modlhmp.tracks import read_tracks
@@ -26,4 +24,4 @@ with job_log(snakemake.log[0]) as log:
         log.info("%s: %.3g ms per track", method.name, costs[method.name])
     for name, parts in params.averages.items():
         costs[name] = sum(costs[part] for part in parts)
-    write_text(snakemake.output[0], json.dumps(costs, indent=1))
+    write_json(snakemake.output[0], costs)

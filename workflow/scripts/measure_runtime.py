@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 from modlhmp.logs import job_log
-from modlhmp.storage import DataError, write_text
+from modlhmp.storage import DataError, write_json
 from modlhmp.study import runtime
 
 with job_log(snakemake.log[0]) as log:
@@ -17,4 +17,4 @@ with job_log(snakemake.log[0]) as log:
         raise DataError(done.stderr.strip())
     result = json.loads(done.stdout)
     log.info("%.3g s per track, %.0f MB", result["seconds_per_track"], result["memory_mb"])
-    write_text(snakemake.output[0], done.stdout)
+    write_json(snakemake.output[0], result)

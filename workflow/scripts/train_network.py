@@ -1,6 +1,5 @@
 """Rules train_{method}."""
 
-import json
 from pathlib import Path
 
 from modlhmp.kinds import find
@@ -11,7 +10,7 @@ from modlhmp.networks.doubling import forget, train_long_enough
 from modlhmp.networks.training import save_network
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_text
+from modlhmp.storage import provenance, write_json
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks
 
@@ -33,5 +32,5 @@ with job_log(snakemake.log[0]) as log:
         save_network(file, kind, method.options, site, found)
     origin = provenance({**snakemake.wildcards, "method": method.name}, dict(params), snakemake.input)
     content = {**trained.summary, "budget": method.learning.budget, "curve": trained.curve, "origin": origin}
-    write_text(snakemake.output.summary, json.dumps(content, indent=1))
+    write_json(snakemake.output.summary, content)
     forget(weights)

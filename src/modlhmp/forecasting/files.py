@@ -9,7 +9,16 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.forecasting.base import Forecast
-from modlhmp.storage import column, open_parquet, read_metadata, read_parquet, write_parquet, write_pieces
+from modlhmp.storage import (
+    DataError,
+    column,
+    open_parquet,
+    read_metadata,
+    read_parquet,
+    read_pieces,
+    write_parquet,
+    write_pieces,
+)
 from modlhmp.tracks import with_owners
 
 STORED = 20  # of the samples behind a median, a medoid or modes; all of them would be gigabytes
@@ -71,10 +80,10 @@ def read_t0(path: str | Path) -> np.ndarray | None:
 def read_forecasts(path: str | Path) -> Iterator[tuple[int, np.ndarray, Forecast]]:
     """Yield (seed, track_ids [m], Forecast) of a forecasts file, in the blocks in which it was written."""
     shape = read_metadata(path)
+    if not {"k", "steps", "output"} <= shape.keys():
+        raise DataError(f"{path}: not a forecasts file of ours (no number of futures and steps); make it again")
     k, steps = shape["k"], shape["steps"]
-    file = open_parquet(path)
-    for group in range(file.num_row_groups):
-        table = file.read_row_group(group)
+    for table in read_pieces(path):
         n = table.num_rows
         if not n:
             continue

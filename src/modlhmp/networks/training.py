@@ -2,6 +2,7 @@
 
 import dataclasses
 import hashlib
+import io
 import json
 import logging
 import time
@@ -16,6 +17,7 @@ import torch
 from modlhmp.kinds import Kind
 from modlhmp.networks.data import Day, Scenes, TrainingData, training_data
 from modlhmp.networks.network import Base, cosine, rotated
+from modlhmp.networks.weights import read_weights, write_weights
 from modlhmp.options import Learning, Training
 from modlhmp.settings import as_plain
 from modlhmp.site import Site
@@ -26,6 +28,7 @@ NOT_SIZES = {*(field.name for field in dataclasses.fields(Training)), "k"}  # ot
 LEAST_TRACKS = 20
 VALIDATION_SHARE = 0.1
 LENGTH_JITTER = 0.15  # of a track's length, so that batches of like lengths differ from epoch to epoch
+_DIGEST_BYTES = hashlib.sha256().digest_size
 BATCH = 512  # tracks validated or forecast at once
 
 
@@ -122,8 +125,8 @@ def train(
         curve.append(dict(zip(CURVE, (epoch, epoch * data.drawn, loss, error, rate, *taken), strict=True)))
         if error < best["validation_ade_m"]:
             best = {"validation_ade_m": error, "epoch": epoch, "weights": _weights(network)}
-        _save(checkpoint, {"fingerprint": fingerprint, "weights": network.state_dict(), "curve": curve, "best": best,
-                           "optimiser": optimiser.state_dict()})  # fmt: skip
+        state = {"fingerprint": fingerprint, "weights": network.state_dict(), "curve": curve, "best": best}
+        save_checkpoint(checkpoint, {**state, "optimiser": optimiser.state_dict()})
         left = (length.epochs - epoch) * np.mean([one["seconds"] for one in curve])
         log.info("%s: epoch %d of %d, loss %.4g, validation ADE %.3f m, %.1f s, at most %s left",
                  kind.name, epoch, length.epochs, loss, error, taken[0], _minutes(left))  # fmt: skip
@@ -210,12 +213,22 @@ def validate(network: Base, scenes: Scenes, device: torch.device) -> float:
     return float(torch.cat(errors).mean())
 
 
+def save_checkpoint(path: str | Path, state: dict[str, Any]) -> None:
+    """Write a checkpoint behind its digest: torch would read damaged numbers."""
+    torch.save(state, content := io.BytesIO())
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(hashlib.sha256(content.getvalue()).digest() + content.getvalue())
+
+
 def load_checkpoint(path: str | Path, fingerprint: str, log: logging.Logger) -> dict[str, Any] | None:
     """The state of an interrupted training of the same settings, None if there is none."""
     if not Path(path).exists():
         return None
     try:
-        state = torch.load(path, weights_only=True, map_location="cpu")
+        digest, content = (whole := Path(path).read_bytes())[:_DIGEST_BYTES], whole[_DIGEST_BYTES:]
+        if hashlib.sha256(content).digest() != digest:
+            raise ValueError("it is not as it was written")
+        state = torch.load(io.BytesIO(content), weights_only=True, map_location="cpu")
     except Exception as error:  # whatever is wrong with it, training starts anew
         log.warning("%s cannot be read (%s); training starts anew", path, _reason(error))
         return None
@@ -229,17 +242,12 @@ def save_network(
     path: str | Path, kind: Kind, options: Training, site: Site, weights: Mapping[str, torch.Tensor]
 ) -> None:
     """Write a network's weights (its `state_dict`) and what it was built from."""
-    settings = {"kind": kind.name, "options": as_plain(options), "shape": _shape(site)}
-    _save(path, {"settings": json.dumps(settings, sort_keys=True), "weights": weights})
+    write_weights(path, weights, {"kind": kind.name, "options": as_plain(options), "shape": _shape(site)})
 
 
 def load_network(path: str | Path, kind: Kind, options: Training, site: Site) -> Base:
-    """The trained network of a method; `DataError` if the file is of another configuration."""
-    try:
-        stored = torch.load(path, weights_only=True, map_location="cpu")
-        settings = json.loads(stored["settings"])
-    except Exception as error:
-        raise DataError(f"{path}: cannot be read as weights ({_reason(error)}); delete it and run again") from None
+    """The trained network of a method; `DataError` if the file is damaged, or of another configuration."""
+    weights, settings = read_weights(path)
     for key, value in {"kind": kind.name, "options": as_plain(options), "shape": list(_shape(site))}.items():
         if settings.get(key) != value:
             raise DataError(
@@ -247,7 +255,10 @@ def load_network(path: str | Path, kind: Kind, options: Training, site: Site) ->
                 "delete it and run again"
             )
     network = build_network(kind, options, site)
-    network.load_state_dict(stored["weights"])
+    try:
+        network.load_state_dict(weights)
+    except RuntimeError as error:
+        raise DataError(f"{path}: of another network ({_reason(error)}); delete it and run again") from None
     return network.eval()
 
 
@@ -309,11 +320,6 @@ def _fingerprint(kind, options, learning, code, days, shape):
 def _reason(error):
     """First line of an error's text, its name if it has none."""
     return next(iter(str(error).splitlines()), type(error).__name__)
-
-
-def _save(path, content):
-    with atomic_path(path) as temporary:
-        torch.save(content, temporary)
 
 
 def _minutes(seconds):

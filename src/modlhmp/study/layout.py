@@ -81,7 +81,7 @@ class Layout:
 
     def weights(self, dataset: str, method: str, epoch: str = "best") -> str:
         """Weights of a trained network: those of its `best` epoch, or of its `last`."""
-        return f"{self.results}/{dataset}/models/{method}{'.last' if epoch == 'last' else ''}.pt"
+        return f"{self.results}/{dataset}/models/{method}{'.last' if epoch == 'last' else ''}.safetensors"
 
     def training(self, dataset: str, method: str) -> str:
         """How a network was trained."""

@@ -1,8 +1,6 @@
 """Table claims: every claim of the paper's results section beside our test of it (`study.claims`)."""
 
-import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -10,7 +8,7 @@ import pandas as pd
 from modlhmp.datasets import Dataset
 from modlhmp.logs import progress
 from modlhmp.scoring.errors import lengths_counted
-from modlhmp.storage import read_parquet
+from modlhmp.storage import read_json, read_parquet
 from modlhmp.study.claims import Evidence, claim_horizons, idle_keys, test_claims
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
@@ -91,7 +89,7 @@ def gather(
         np.concatenate(lengths),
         idle,
         days,
-        json.loads(Path(layout.runtime(name)).read_text(encoding="utf-8")) if measured else None,
+        read_json(layout.runtime(name)) if measured else None,
     )
 
 

@@ -1,15 +1,13 @@
 """Table ladder-<label>: from the paper's configuration to the best one, one change per row (not in the paper)."""
 
-import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.storage import read_parquet
+from modlhmp.storage import read_json, read_parquet
 from modlhmp.study.comparisons import LEAST_DAYS
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
@@ -41,7 +39,7 @@ def draw(
     scored, compared = (
         read_parquet(layout.ladder(dataset.name, part)).to_pandas() for part in ("scores", "differences")
     )
-    costs = json.loads(Path(layout.costs(dataset.name)).read_text(encoding="utf-8"))
+    costs = read_json(layout.costs(dataset.name))
     horizons = sorted(scored["horizon_s"].unique())
     above = dict(zip([m for m, _ in rows[1:]], [m for m, _ in rows], strict=False))
     tables = []

@@ -1,15 +1,14 @@
 """Figure runtime: time, memory and map size beside the paper's, and their growth (paper Sec. V-A, runtime analysis)."""
 
-import json
 import textwrap
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from matplotlib.ticker import NullFormatter
 
 from modlhmp.datasets import Dataset
+from modlhmp.storage import read_json
 from modlhmp.study import published
 from modlhmp.study.exhibits import style
 from modlhmp.study.layout import Layout
@@ -19,7 +18,7 @@ GROWTH = {"N": "tracks N", "T": "steps T", "M": "locations M of an hour"}
 
 def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, method: str) -> None:
     """What `study.runtime.measure` gave for each dataset; `method` is the measured one's title."""
-    measured = [json.loads(Path(layout.runtime(one.name)).read_text(encoding="utf-8")) for one in datasets]
+    measured = [read_json(layout.runtime(one.name)) for one in datasets]
     fig, axes = style.figure(2, 3, style.PAGE_MM, 92.0)
     names = [dataset.title for dataset in datasets]
     seconds = [one["latency_s"] * 1000 for one in measured]

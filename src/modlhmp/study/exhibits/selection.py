@@ -1,14 +1,14 @@
 """Picking and printing rows of `results.csv`, and the track that figures show as an example."""
 
+import itertools
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow.compute as pc
-import pyarrow.dataset
 
-from modlhmp.storage import open_parquet, read_parquet
+from modlhmp.storage import open_parquet, read_parquet, read_pieces
 from modlhmp.study.summary import OUTPUTS, main_output
 
 
@@ -42,14 +42,16 @@ def errors_at(errors_file: str | Path, steps: int) -> pd.DataFrame:
     known = read_parquet(errors_file, ["output", "seed"])
     # A file without rows has no output; any name then finds none.
     output = main_output({*known["output"].unique().to_pylist(), OUTPUTS[-1]})
-    field, key = pc.field, ["recording", "track_id"]
-    columns = {name: field(name) for name in (*key, "protocol", "eligible_steps")}
-    named = "owner_id" in open_parquet(errors_file).schema_arrow.names
-    columns["owner"] = field("owner_id" if named else "track_id").cast("string")
-    columns["ade_m"] = pc.list_element(field("ade"), steps - 1)
-    wanted = (field("output") == output) & (field("seed") == pc.min(known["seed"]))
-    rows = pyarrow.dataset.dataset(errors_file).to_table(columns=columns, filter=wanted).to_pandas()
-    rows = rows.astype({"recording": str}).drop_duplicates([*key, "protocol"])
+    key, schema = ["recording", "track_id"], open_parquet(errors_file).schema_arrow
+    owner = "owner_id" if "owner_id" in schema.names else "track_id"
+    kept, chosen = [*key, "protocol", "eligible_steps"], ["output", "seed", "ade"]
+    parts = []
+    for piece in itertools.chain([schema.empty_table()], read_pieces(errors_file, [*{*kept, owner, *chosen}])):
+        wanted = pc.and_(pc.equal(piece["output"], output), pc.equal(piece["seed"], pc.min(known["seed"])))
+        some = piece.filter(wanted)
+        one = some.select(kept).append_column("owner", some[owner].cast("string"))
+        parts.append(one.append_column("ade_m", pc.list_element(some["ade"], steps - 1)).to_pandas())
+    rows = pd.concat(parts).astype({"recording": str, "track_id": np.int64}).drop_duplicates([*key, "protocol"])
     paper = rows.loc[rows["protocol"] == "paper", [*key, "eligible_steps"]]
     both = rows.loc[rows["protocol"] == "complete", [*key, "owner", "ade_m"]].merge(paper, on=key)
     return both.assign(eligible=both.pop("eligible_steps") >= steps)

@@ -1,14 +1,13 @@
 """Table tab_models: how the networks were trained, and whether they had finished."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
+from modlhmp.storage import read_json
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
 
@@ -18,7 +17,7 @@ def read_trainings(
 ) -> dict[tuple[str, str], dict[str, Any]]:
     """What each training left, the JSON beside its weights: {(dataset name, method): dict}."""
     return {
-        (dataset.name, method): json.loads(Path(layout.training(dataset.name, method)).read_text(encoding="utf-8"))
+        (dataset.name, method): read_json(layout.training(dataset.name, method))
         for dataset in datasets
         for method in methods
     }
