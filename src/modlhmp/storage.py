@@ -240,11 +240,42 @@ def file_sha256(path: str | Path) -> str:
     return digest.hexdigest()
 
 
-def provenance(wildcards: Mapping[str, Any], params: Mapping[str, Any], inputs: Iterable[str | Path]) -> dict[str, Any]:
+def file_state(path: str | Path) -> tuple[int, ...] | None:
+    """Which file stands under a name, its size and its time, by which a change shows; None where there is none."""
+    try:
+        found = os.stat(path)
+    except FileNotFoundError:
+        return None
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def check_unchanged(path: str | Path, same: bool) -> None:
+    """`DataError` where a file is not the `same` as when reading began."""
+    if not same:
+        raise DataError(f"{path}: changed while it was read; wait until it is complete, then run again")
+
+
+@contextmanager
+def unchanged(*paths: str | Path) -> Iterator[dict[Path, str]]:
+    """The SHA-256 of files that are read within; `DataError` where one is another at the end, by state or by hash."""
+    states = {Path(path): file_state(path) for path in paths}
+    hashes = {path: file_sha256(path) for path in states}
+    yield hashes
+    for path, state in states.items():
+        check_unchanged(path, file_state(path) == state is not None and file_sha256(path) == hashes[path])
+
+
+def provenance(
+    wildcards: Mapping[str, Any],
+    params: Mapping[str, Any],
+    inputs: Iterable[str | Path],
+    hashes: Mapping[Path, str] | None = None,
+) -> dict[str, Any]:
     """Where a result comes from: dataset and other wildcards, hash of the settings, code version, source files.
 
     `inputs` are the files it was made of: a raw file is hashed, a Parquet file of ours hands on the sources it carries,
     and its settings and code go into the hash of the result's; so does the JSON file beside a network's weights.
+    `hashes` are those of files that are known already (`unchanged`).
     """
     settings = {key: value for key, value in params.items() if key != "code"}
     sources, upstream = {}, set()
@@ -257,7 +288,7 @@ def provenance(wildcards: Mapping[str, Any], params: Mapping[str, Any], inputs: 
                 sources.update(origin.get("sources", {}))
                 upstream.add((str(origin.get("settings")), str(origin.get("code"))))
             elif file.is_file():
-                sources[file.name] = file_sha256(file)
+                sources[file.name] = (hashes or {}).get(file) or file_sha256(file)
     described = json.dumps([settings, sorted(upstream)], sort_keys=True, default=str)
     return {
         **wildcards,

@@ -132,7 +132,7 @@ def with_persons(table: pa.Table, persons: Mapping[int, int]) -> pa.Table:
 
 
 def read_tracks(path: str | Path) -> Tracks:
-    """Read a clean recording; `DataError` if it lacks a column."""
+    """Read a clean recording; `DataError` if it lacks a column, is not sorted, or has a time or place that is none."""
     table = read_parquet(path)
     missing = [name for name in COLUMNS if name not in table.column_names]
     if missing:
@@ -141,7 +141,19 @@ def read_tracks(path: str | Path) -> Tracks:
         found, whole = table.schema.field(name).type, np.issubdtype(kind, np.integer)
         if not (pa.types.is_integer(found) or (pa.types.is_floating(found) and not whole)):
             raise DataError(f"{path}: column {name} is {found}, {'whole numbers' if whole else 'numbers'} are needed")
-    return Tracks(*(column(table, name).astype(kind, copy=False) for name, kind in COLUMNS.items()))
+    tracks = Tracks(*(column(table, name).astype(kind, copy=False) for name, kind in COLUMNS.items()))
+    for name in ("t", "x", "y"):
+        if not (finite := np.isfinite(getattr(tracks, name))).all():
+            row = int(np.argmin(finite))
+            raise DataError(f"{path}, row {row + 1}: {name} {getattr(tracks, name)[row]}; make the file again")
+    change = np.diff(tracks.track_id)
+    if not (ordered := (change > 0) | ((change == 0) & (np.diff(tracks.t) > 0))).all():
+        row = int(np.argmin(ordered)) + 1
+        raise DataError(
+            f"{path}, row {row + 1}: track {tracks.track_id[row]} at {tracks.t[row]:.16g} s comes after track "
+            f"{tracks.track_id[row - 1]} at {tracks.t[row - 1]:.16g} s; sort by both, or make the file again"
+        )
+    return tracks
 
 
 def gap_limit(step_s: float) -> float:

@@ -114,6 +114,18 @@ def test_a_map_that_has_lost_its_metadata(tmp_path, form, lost):
 
 
 @pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("value", [np.nan, np.inf, None, "a"])
+@pytest.mark.parametrize("rows", ["one", "all"])
+def test_a_map_of_what_is_no_number(tmp_path, form, value, rows):
+    table = BUILD[form](people(9), SITE)
+    at, name = next((at, name) for at, name in enumerate(table.column_names) if name in {"x", "left"})
+    values = [value, *([value] * (len(table) - 1) if rows == "all" else table[name].to_pylist()[1:])]
+    values = [str(one) for one in values] if value == "a" else values
+    write_parquet(table.set_column(at, name, pa.array(values)), tmp_path / "map.parquet")
+    refused(form, tmp_path / "map.parquet", f"column {name}")
+
+
+@pytest.mark.parametrize("form", FORMS)
 def test_a_map_of_another_time_step(tmp_path, form):
     """Its steps would be taken for the forecast's."""
     write_parquet(BUILD[form](people(9), replace(SITE, time_step_s=0.5)), tmp_path / "map.parquet")

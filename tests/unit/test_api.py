@@ -1,6 +1,7 @@
 """The library's front door: what a notebook or a robot imports."""
 
 import dataclasses
+import json
 import subprocess
 import sys
 
@@ -16,6 +17,7 @@ from modlhmp.methods import make_forecaster
 from modlhmp.options import Episodes, RollOut, Snippets
 from modlhmp.scoring.recording import score_recording
 from modlhmp.site import IdleFilter, PaperProtocol
+from modlhmp.storage import write_parquet
 from modlhmp.tracks import usable_tracks, write_tracks
 
 PEOPLE = crowd()
@@ -206,7 +208,7 @@ def test_a_map_without_its_metadata_is_refused(maps, tmp_path):
     table = pq.read_table(path)
     pq.write_table(table.replace_schema_metadata({b"resolution": b"1.0"}), path)
     refused("lacks its kind and its site", modlhmp.load_map, path)
-    pq.write_table(table.replace_schema_metadata({b"modlhmp": table.schema.metadata[b"modlhmp"]}), path)
+    write_parquet(table.replace_schema_metadata(None), path, **json.loads(table.schema.metadata[b"modlhmp"]))
     refused("no metadata resolution", modlhmp.forecast, modlhmp.load_map(path), seen(PEOPLE))
 
 

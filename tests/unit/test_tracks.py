@@ -183,3 +183,36 @@ def test_ids_of_several_recordings_are_kept_apart_however_large():
     mixed = together([people(1, 2), people(*large), people(*large, 7), people(5)])
     assert len(set(mixed.track_id.tolist())) == 2 + 3 + 4 + 1
     assert len(mixed.bounds()) - 1 == 10
+
+
+@pytest.mark.parametrize("ids", [[2, 2, 1, 1], [1, 2, 1, 2]])
+def test_tracks_that_are_not_sorted_are_refused(tmp_path, ids):
+    write_tracks(some_tracks(ids), tmp_path / "a.parquet")
+    with pytest.raises(DataError, match=r"a\.parquet, row 3: track 1 at 1300000002 s comes after track 2 .*sort by"):
+        read_tracks(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("step", [0.0, -3.0])
+def test_times_that_do_not_grow_are_refused(tmp_path, step):
+    tracks = some_tracks([5, 5, 5, 7])
+    tracks.t[2] = tracks.t[1] + step
+    write_tracks(tracks, tmp_path / "a.parquet")
+    with pytest.raises(DataError, match=r"a\.parquet, row 3: track 5 at .* comes after track 5"):
+        read_tracks(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("name", ["t", "x", "y"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_place_or_time_that_is_none_is_refused(tmp_path, name, value):
+    tracks = some_tracks([5, 5, 7])
+    getattr(tracks, name)[1] = value
+    write_tracks(tracks, tmp_path / "a.parquet")
+    with pytest.raises(DataError, match=rf"a\.parquet, row 2: {name} (nan|inf)"):
+        read_tracks(tmp_path / "a.parquet")
+
+
+def test_speeds_and_headings_may_be_unknown(tmp_path):
+    tracks = some_tracks([5, 5, 7])
+    tracks.speed[:] = tracks.heading[:] = np.nan
+    write_tracks(tracks, tmp_path / "a.parquet")
+    assert np.isnan(read_tracks(tmp_path / "a.parquet").speed).all()

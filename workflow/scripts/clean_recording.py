@@ -6,7 +6,7 @@ from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.logs import job_log
 from modlhmp.settings import build
-from modlhmp.storage import provenance, write_json
+from modlhmp.storage import provenance, unchanged, write_json
 from modlhmp.study.fetch import check_sum
 from modlhmp.tracks import write_tracks
 
@@ -17,10 +17,11 @@ with job_log(snakemake.log[0]) as log:
     if source is not None:
         check_sum(raw, recording.file, source["sha256"], params.sums)
     path = Path(raw, recording.member) if recording.member else str(raw)
-    tracks, account = clean_recording(path, build(FileFormat, params.dataset), recording)
+    with unchanged(*([raw] if isinstance(raw, str) else raw)) as hashes:
+        tracks, account = clean_recording(path, build(FileFormat, params.dataset), recording)
     scenes = {"scenes": account.pop("scenes")} if "scenes" in account else {}
     log.info("account: %s", account)
     write_json(snakemake.output.account, account)
-    origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
+    origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input, hashes)
     beside = scenes | {name: account[name] for name in ("owners", "persons") if name in account}
     write_tracks(tracks, snakemake.output.tracks, **origin, **beside)

@@ -9,23 +9,24 @@ from modlhmp.logs import job_log
 from modlhmp.maps.base import DAY, check_frame
 from modlhmp.settings import as_plain, build
 from modlhmp.site import Site
-from modlhmp.storage import DataError, provenance, write_parquet
+from modlhmp.storage import DataError, provenance, unchanged, write_parquet
 from modlhmp.tracks import read_tracks, together
 
 with job_log(snakemake.log[0]) as log:
     params, kind, out = snakemake.params, find(snakemake.params.kind), Path(snakemake.output.map)
     site, path = build(Site, params.dataset), params.file
-    if is_parquet(path, params.form):
-        of_kind, _, whole, hours = read_ours(path)
-    else:
-        of_kind, whole, hours = read_tables(path, params.form, site, params.origin_m)
+    with unchanged(*snakemake.input.map) as hashes:
+        if is_parquet(path, params.form):
+            of_kind, _, whole, hours = read_ours(path)
+        else:
+            of_kind, whole, hours = read_tables(path, params.form, site, params.origin_m)
     if of_kind != kind.name:
         raise DataError(f"{path}: a map of kind {of_kind}; the method is of kind {kind.name}")
     tables = [*([] if whole is None else [whole]), *hours.values()]
     walkers = together(map(read_tracks, snakemake.input.tracks))
     share = check_frame(path, tables, walkers.x, walkers.y)
     log.info("%s: %d rows; %.1f %% of the test rows lie in its box", path, sum(map(len, tables)), 100 * share)
-    origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input.map)
+    origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input.map, hashes)
     origin |= {"kind": kind.name, "site": as_plain(site)}
     if kind.hourly:
         out.mkdir(parents=True, exist_ok=True)

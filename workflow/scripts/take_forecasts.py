@@ -9,7 +9,7 @@ from modlhmp.logs import job_log
 from modlhmp.methods import Method
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance
+from modlhmp.storage import provenance, unchanged
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import owner_ids, read_tracks
 
@@ -18,11 +18,12 @@ with job_log(snakemake.log[0]) as log:
     layout, site, files = Layout(params.run), build(Site, params.dataset), snakemake.input.files
     own = {name: layout.tracks(names.dataset, name) for name in params.recordings}
     task = make_task(((name, read_tracks(file), None) for name, file in own.items()), site, names.dataset)
-    hand_in = read_hand_in(Method.of(params.method).options.folder, task)
+    with unchanged(*files) as hashes:
+        hand_in = read_hand_in(Method.of(params.method).options.folder, task)
     (log.warning if len(hand_in.missing) else log.info)("%s", hand_in.coverage())
     for recording, file in own.items():
         forecasts = ((seed, ids, kept(one, STORED)) for seed, ids, one in hand_in.forecasts(recording))
-        origin = provenance({**names, "recording": recording}, dict(params), [file, *files])
+        origin = provenance({**names, "recording": recording}, dict(params), [file, *files], hashes)
         t0 = None if site.forecast_every_s is None else windows(read_tracks(file), site).t0
         write_forecasts(
             layout.forecast(names.dataset, names.method, recording), forecasts, t0, owner_ids(file), **origin,

@@ -91,14 +91,18 @@ def read_map(
 ) -> pa.Table:
     """The table of a map, from its Parquet file or as it was built.
 
-    `DataError` that it is not `what` without these columns and metadata keys, or where its time step is not `step_s`.
+    `DataError` that it is not `what` without these columns and metadata keys, where a column holds anything but finite
+    numbers, or where its time step is not `step_s`.
     """
     table = source if isinstance(source, pa.Table) else read_parquet(source)
     path = "a map" if isinstance(source, pa.Table) else source
+    columns = list(columns)
     missing = [f"column {name}" for name in columns if name not in table.column_names]
     missing += [f"metadata {key}" for key in keys if key.encode() not in (table.schema.metadata or {})]
     if missing:
         raise DataError(f"{path}: not {what}, no {', no '.join(missing)}; delete it and make it again")
+    for name in columns:
+        _check_numbers(f"{path}: column {name}", table, name)
     for key in keys:
         value = table.schema.metadata[key.encode()]
         try:
@@ -108,6 +112,17 @@ def read_map(
     if step_s is not None and (built := float(table.schema.metadata[b"step"])) != step_s:
         raise DataError(f"{path}: {what} of time steps of {built:g} s cannot be used with steps of {step_s:g} s")
     return table
+
+
+def _check_numbers(where, table, name):
+    """`DataError` where a column, of numbers or of lists of them, holds anything else."""
+    of = table.schema.field(name).type
+    kind = of.value_type if pa.types.is_fixed_size_list(of) else of
+    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+        raise DataError(f"{where} is {of}, numbers are needed; make the map again")
+    values = column(table, name) if not table[name].null_count else np.array([np.nan])
+    if bad := values.size - np.isfinite(values).sum():
+        raise DataError(f"{where}: values are missing, NaN or infinite ({bad} of {values.size}); make the map again")
 
 
 def lattice_index(i: np.ndarray, j: np.ndarray, origin: Sequence[int], shape: Sequence[int] | np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from typing import IO, NamedTuple, cast
 from tqdm.utils import CallbackIOWrapper
 
 from modlhmp.logs import progress
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, check_unchanged, file_state
 
 COMPRESSED = (".gz", ".bz2", ".zip")
 BLOCK_BYTES = 1 << 22
@@ -40,8 +40,9 @@ def find_recording(path: str | Path) -> Path | None:
 
 @contextlib.contextmanager
 def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
-    """Open a recording as a binary stream; `DataError` for a missing, empty or damaged file."""
+    """Open a recording as a binary stream; `DataError` for a missing or damaged file, or one that changes meanwhile."""
     file, member = archive_and_member(path)
+    state = file_state(file)
     try:
         with contextlib.ExitStack() as stack:
             raw = stack.enter_context(open(file, "rb"))
@@ -66,6 +67,7 @@ def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
         ) from None
     except OSError as error:
         raise DataError(f"{file}: cannot be read ({error})") from None
+    check_unchanged(file, file_state(file) == state)
 
 
 class People(NamedTuple):
