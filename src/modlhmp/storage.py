@@ -8,6 +8,7 @@ import functools
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ _PROVENANCE = b"modlhmp"
 _SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64
 _NOT_AS_WRITTEN = "is not as it was written (its seal does not fit); delete it and make it again"
 _SEAL_OF_TEXT = b'"%s": "' % _SEAL  # what stands before the seal in JSON
+_TEMPORARY = re.compile(r"\..+\.([1-9]\d*)\.part")  # a name that `atomic_path` gives: whose, and by which process
 _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
 }  # fmt: skip
@@ -229,6 +231,31 @@ class atomic_path:  # noqa: N801 - reads as a verb in `with atomic_path(path) as
             self.temporary.replace(self.path)
         else:
             self.temporary.unlink(missing_ok=True)
+
+
+def remove_leftovers(*folders: str | Path) -> list[Path]:
+    """Delete the temporary files (`atomic_path`) in folders and below whose writers are no more; returns them.
+
+    A process that is killed cannot delete its own. Folders that do not exist hold none.
+    """
+    left = []
+    for path in (path for folder in folders for path in sorted(Path(folder).rglob(".*.part"))):
+        writer = _TEMPORARY.fullmatch(path.name)
+        if writer and not _runs(int(writer[1])):
+            path.unlink(missing_ok=True)
+            left.append(path)
+    return left
+
+
+def _runs(process: int) -> bool:
+    """Whether there is a process of this number."""
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:
+        return True
+    return True
 
 
 def file_sha256(path: str | Path) -> str:

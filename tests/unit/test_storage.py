@@ -1,16 +1,21 @@
 """Tables on disk: what is packed comes back to the bit, and small."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pyarrow as pa
 import pytest
 
 from modlhmp.storage import (
     DataError,
+    atomic_path,
     column,
     packing,
     read_metadata,
     read_parquet,
     read_pieces,
+    remove_leftovers,
     write_parquet,
     write_pieces,
 )
@@ -86,6 +91,30 @@ def test_pieces_that_fail_leave_no_file(tmp_path):
     with pytest.raises(RuntimeError, match="stopped"):
         write_pieces(pieces(), tmp_path / "t.parquet")
     assert list(tmp_path.iterdir()) == []
+
+
+KILLED = """
+import os, sys
+from modlhmp.storage import atomic_path
+with atomic_path(sys.argv[1]) as temporary:
+    temporary.write_text("half")
+    os.kill(os.getpid(), 9)
+"""
+
+
+def test_what_a_killed_writer_left_is_removed_and_nothing_else(tmp_path):
+    path = tmp_path / "results/run/errors/cvm.parquet"
+    done = subprocess.run([sys.executable, "-c", KILLED, path], check=False)
+    assert done.returncode == -9
+    (left,) = path.parent.iterdir()
+    others = [path.parent / name for name in ("cvm.parquet", "day.csv.part", ".part", ".a.part", ".a.0.part")]
+    for file in others:
+        file.touch()
+    with atomic_path(path.parent / "other.csv") as temporary:
+        temporary.touch()
+        assert remove_leftovers(tmp_path / "results", tmp_path / "nothing") == [left]
+        assert set(path.parent.iterdir()) == {*others, temporary}
+    assert remove_leftovers(tmp_path) == []
 
 
 def test_a_column_with_gaps_is_refused():

@@ -2,6 +2,7 @@
 
 import http.server
 import json
+import subprocess
 import threading
 
 import numpy as np
@@ -111,6 +112,24 @@ def test_a_missing_recording_is_asked_for(project):
     assert "atc-20121024-1hz-test.csv" in output
     assert "ATC_dataset" in output
     assert "Traceback" not in output
+
+
+def test_a_run_removes_what_a_killed_one_left(project):
+    """A dry run removes nothing."""
+    killed = subprocess.Popen(["true"])
+    killed.wait()
+    left = [
+        project.folder / folder / f".half.csv.{killed.pid}.part"
+        for folder in ("results/demo/demo_hall/errors", "paper_figures/demo", "resources/demo/demo")
+    ]
+    for file in left:
+        file.parent.mkdir(parents=True)
+        file.touch()
+    target = "resources/demo/demo/hall/atc-20301009.csv"
+    project.snakemake("-n", "--", target)
+    assert all(file.exists() for file in left)
+    project.snakemake("--cores", 1, "--", target)
+    assert not any(file.exists() for file in left)
 
 
 def test_a_recording_of_one_s_own(own):

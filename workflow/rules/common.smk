@@ -11,7 +11,7 @@ from snakemake.exceptions import WorkflowError
 from modlhmp.exchange.maps import map_files
 from modlhmp.kinds import all_kinds, find
 from modlhmp.settings import as_plain
-from modlhmp.storage import DataError, file_sha256
+from modlhmp.storage import DataError, file_sha256, remove_leftovers
 from modlhmp.study.claims import claim_horizons
 from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study.layout import SUMS, Layout
@@ -38,6 +38,11 @@ except DataError as error:
     raise WorkflowError(f"\n{error}") from None
 PLAN = Plan(RUN, LAYOUT, DATASETS)
 config.update(as_plain(RUN))  # with the defaults, for the report's pages
+
+
+onstart:
+    remove_leftovers(LAYOUT.results, LAYOUT.exhibits, LAYOUT.demo)
+
 
 SEEDS = {name: RUN.kind(name).seeds(RUN.seeds) for name in RUN.methods_run}
 NO_METHOD = "(?!)"  # a wildcard constraint that nothing matches
