@@ -15,6 +15,7 @@ from modlhmp.yaml_file import read_yaml
 
 FREE, UNKNOWN, OCCUPIED = 0, 1, 2
 MOST_PIXELS = 80_000_000  # of an image, such as 400 m x 500 m at 0.05 m; a few bytes of a file can stand for more
+_BAND_PIXELS = 1 << 20
 _NEEDED = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
 _FLAGS = {"0": False, "1": True, "false": False, "true": True}
 _MODES = {"trinary", "scale", "raw"}
@@ -58,7 +59,7 @@ def load_floor_plan(path: str | Path) -> FloorPlan:
         raise DataError(f'{path}: reading a floor plan needs Pillow: pip install "modlhmp[plans]"')
     settings = _settings_of(path)
     image = _read_image(path, Path(path).parent / settings.image)
-    cells = _cells_of(image, settings)
+    cells = np.concatenate([_cells_of(part, settings) for part in _bands(image)])
     if not (cells == OCCUPIED).any():
         _LOG.warning("%s: no cell is occupied; check `mode`, `negate` and the thresholds", path)
     saved = settings.mode == "trinary" and not settings.negate
@@ -215,6 +216,15 @@ def _pixels(image):
     if image.mode in {"1", "L"}:
         return _Pixels(np.asarray(image.convert("L")).astype(np.int32), None, 255)
     return _Pixels(np.asarray(image.convert("RGB")).sum(axis=2, dtype=np.int32), None, 765)
+
+
+def _bands(image):
+    """An image in bands of rows: what is computed of one takes many times its memory."""
+    rows = max(_BAND_PIXELS // max(image.colour.shape[1], 1), 1)
+    for first in range(0, len(image.colour), rows):
+        band = slice(first, first + rows)
+        alpha = None if image.alpha is None else image.alpha[band]
+        yield _Pixels(image.colour[band], alpha, image.white)
 
 
 def _cells_of(image, settings):

@@ -1,5 +1,6 @@
 """YAML files that people write: what is wrong in one is told with its file and line."""
 
+import itertools
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -8,11 +9,19 @@ import yaml
 
 from modlhmp.storage import DataError
 
+MOST_CHARACTERS, MOST_VALUES = 1_000_000, 100_000
+
 
 def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
     """The mapping that a YAML file holds, dates as text; `DataError` where it is none, as `what` must be."""
     try:
-        listed = _dates_as_text(yaml.safe_load(Path(path).read_text(encoding="utf-8")))
+        with open(path, encoding="utf-8") as file:
+            text = file.read(MOST_CHARACTERS + 1)
+        if len(text) > MOST_CHARACTERS:
+            raise DataError(f"{path}: more than {MOST_CHARACTERS} characters, which {what} does not need; divide it")
+        if (values := _values_in(yaml.compose(text, yaml.SafeLoader), {})) > MOST_VALUES:
+            raise DataError(f"{path}: stands for {values:.3g} values, by aliases (*) of aliases; write fewer of them")
+        listed = _dates_as_text(yaml.safe_load(text))
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
@@ -27,6 +36,15 @@ def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
     if not isinstance(listed, dict):
         raise DataError(f"{path}: {what} is a mapping of keys, see config/README.md")
     return listed
+
+
+def _values_in(node: yaml.Node | None, known: dict[int, int]) -> int:
+    """How many values a node stands for, each alias counted as what it stands for; each node is looked at once."""
+    if id(node) not in known:
+        parts = node.value if isinstance(node, yaml.CollectionNode) else []
+        parts = itertools.chain.from_iterable(parts) if isinstance(node, yaml.MappingNode) else parts
+        known[id(node)] = 1 + sum(_values_in(part, known) for part in parts)
+    return known[id(node)]
 
 
 def _explained(error: yaml.MarkedYAMLError) -> str:

@@ -125,7 +125,10 @@ def _finish(path, form, parsed, rows_before, account, converters):
             every[field] = np.zeros(len(ends), np.int64 if field == "track_id" and field in form.texts else np.float64)
             every[field][regular] = columns[field]
         starts = np.concatenate([[0], ends[:-1] + 1])
-        for line in np.flatnonzero(~regular):
+        blank = ~regular & (ends == starts)  # not one by one: there may be millions
+        if blank.any():
+            account.drop_rows("blank_line", blank.sum(), f"row {rows_before + 1 + int(np.argmax(blank))}: ''")
+        for line in np.flatnonzero(~regular & ~blank):
             text = block[starts[line] : ends[line]].decode("utf-8", "surrogateescape")
             found = _one_row(path, form, text, rows_before + 1 + line, account, converters)
             if found is not None:

@@ -21,7 +21,8 @@ ROWS_LAYOUT = {
     "units": {"length": "px", "time": "frame"},
 }
 MAX_FRAME = 1e7  # twelve days' worth
-_TRACK = re.compile(rb"\s*TRACK\.R(\d+)\s*=\s*\[(.*)\]\s*;?\s*$")
+_TRACK = re.compile(rb"TRACK\.R(\d+)\s*=\s*\[")
+_MOST_DIGITS = 19  # of a track's number in 64 bits
 _TOTAL = re.compile(rb"Total number of trajectories in file are\s+(\d+)")
 _POINTS = re.compile(rb"(?:\s*\[\s*[^\s\[\];]+\s+[^\s\[\];]+\s+[^\s\[\];]+\s*\]\s*(?:;|$))*\s*")
 _SPACES = bytes.maketrans(b"[];", b"   ")
@@ -61,6 +62,10 @@ def read_raw(path: str | Path, frame_rate: float, scale: float, origin: float) -
             line_number += 1
             described += b"Properties.R" in line
             if total := _TOTAL.search(line):
+                if len(total[1]) > _MOST_DIGITS:
+                    raise DataError(
+                        f"{path}, line {line_number}: announces a number of {len(total[1])} digits of tracks"
+                    )
                 announced = int(total[1])
             elif b"TRACK.R" in line:
                 piece = _track(path, line, line_number, limits, account)
@@ -85,14 +90,15 @@ def read_raw(path: str | Path, frame_rate: float, scale: float, origin: float) -
 
 def _track(path, line, number, limits, account):
     """One TRACK line to (id, points [n, 3] px px frame); None if it holds no usable point."""
-    match = _TRACK.match(line)
-    if not match:
+    whole = line.strip().removesuffix(b";").rstrip()  # not by a pattern, whose time would be quadratic in blanks
+    match = _TRACK.match(whole)
+    if not match or not whole.endswith(b"]") or len(whole) <= match.end():
         raise DataError(
             f"{path}, line {number}: {line[:60].decode(errors='replace')!r} is not a whole TRACK line: "
             "the file is cut off or damaged"
         )
     account.tracks_read += 1
-    body = match[2]
+    body = whole[match.end() : -1]
     regular = _POINTS.fullmatch(body) is not None
     if regular:
         try:
@@ -111,8 +117,8 @@ def _track(path, line, number, limits, account):
     if not len(points):
         account.drop_tracks("no_usable_point", 1, 0)
         return None
-    if int(match[1]) >= 2**63:
-        raise DataError(f"{path}, line {number}: track number {int(match[1])} does not fit 64 bits")
+    if len(match[1].lstrip(b"0")) > _MOST_DIGITS or int(match[1]) >= 2**63:
+        raise DataError(f"{path}, line {number}: track number {match[1][:30].decode()} does not fit 64 bits")
     return int(match[1]), points
 
 

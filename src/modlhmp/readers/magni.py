@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
-from modlhmp.readers.raw import open_raw
+from modlhmp.readers.raw import read_whole
 from modlhmp.storage import DataError
 from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
@@ -52,8 +52,7 @@ def read(path: str | Path, origin: float, day: tuple[float, float] | None = None
 
 def _table(path):
     """The names of the columns, and the table below them as text."""
-    with open_raw(path) as file:
-        text = file.read()
+    text = read_whole(path)
     lines = text.removeprefix(b"\xef\xbb\xbf").split(b"\n", 64)
     at = next((n for n, line in enumerate(lines[:-1]) if line.startswith((b"Frame,", b"Time,"))), None)
     if at is None:

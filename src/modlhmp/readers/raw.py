@@ -18,6 +18,9 @@ from modlhmp.storage import DataError, check_unchanged, file_state
 
 COMPRESSED = (".gz", ".bz2", ".zip")
 BLOCK_BYTES = 1 << 22
+# Beyond these a file is no recording, or made to fill memory: 8 MiB of a line are half a million positions.
+MOST_LINE_BYTES, MOST_WHOLE_BYTES = 1 << 23, 1 << 29
+MOST_TIMES, LEAST_BYTES = 250, 1 << 26  # how much larger than its archive a text may be, if it has so many bytes
 FILE_COLUMN = "file"  # what the column of people's files is called
 
 
@@ -50,9 +53,11 @@ def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
             counted = CallbackIOWrapper(bar.update, raw)
             if file.suffix == ".zip":
                 archive = stack.enter_context(zipfile.ZipFile(counted))
-                yield stack.enter_context(archive.open(member or _only_member(file, archive)))
+                opened = stack.enter_context(archive.open(member or _only_member(file, archive)))
+                yield cast(IO[bytes], CallbackIOWrapper(_unpacked(file), opened))
             elif file.suffix in {".gz", ".bz2"}:
-                yield stack.enter_context({".gz": gzip, ".bz2": bz2}[file.suffix].open(counted))
+                opened = stack.enter_context({".gz": gzip, ".bz2": bz2}[file.suffix].open(counted))
+                yield cast(IO[bytes], CallbackIOWrapper(_unpacked(file), opened))
             else:
                 yield cast(IO[bytes], counted)
     except FileNotFoundError:
@@ -68,6 +73,31 @@ def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
     except OSError as error:
         raise DataError(f"{file}: cannot be read ({error})") from None
     check_unchanged(file, file_state(file) == state)
+
+
+def _unpacked(file):
+    """What is told how many more bytes came out of an archive; `DataError` where they are more than a text's."""
+    most, seen = max(MOST_TIMES * file.stat().st_size, LEAST_BYTES), 0
+
+    def more(size):
+        nonlocal seen
+        seen += size
+        if seen > most:
+            raise DataError(
+                f"{file}: holds more than {most // 10**6} MB, over {MOST_TIMES} times its own size, which text does "
+                "not: is it damaged? If it is meant, unpack it"
+            )
+
+    return more
+
+
+def read_whole(path: str | Path) -> bytes:
+    """The bytes of a recording; `DataError` as `open_raw`, and where they are too many to be held at once."""
+    with open_raw(path) as file:
+        content = file.read(MOST_WHOLE_BYTES + 1)
+    if len(content) > MOST_WHOLE_BYTES:
+        raise DataError(f"{path}: has more than {MOST_WHOLE_BYTES >> 20} MiB, which this form cannot have; divide it")
+    return content
 
 
 class People(NamedTuple):
@@ -88,8 +118,7 @@ class People(NamedTuple):
             name = Path(file).name.partition(".")[0]
             if self.separator in name or '"' in name:
                 raise DataError(f"{file}: its name is an id, so it may hold neither {self.separator!r} nor quotes")
-            with open_raw(file) as opened:
-                text = opened.read().removeprefix(codecs.BOM_UTF8)
+            text = read_whole(file).removeprefix(codecs.BOM_UTF8)
             lines = (text if b"\n" in text else text.replace(b"\r", b"\n")).splitlines()[self.skip_lines :]
             if self.header:
                 header, *lines = lines or [b""]
@@ -116,6 +145,11 @@ def line_blocks(path: str | Path | People, size: int = BLOCK_BYTES) -> Iterator[
                 rest = text[cut:]
             else:
                 rest += text
+            if len(rest) > MOST_LINE_BYTES:
+                raise DataError(
+                    f"{path}: a line has more than {MOST_LINE_BYTES >> 20} MiB ({rest[:40]!r} ...): is the file text, "
+                    "with one row per line?"
+                )
     if not seen:
         raise DataError(f"{path}: the file is empty")
     if rest:

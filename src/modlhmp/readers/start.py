@@ -12,6 +12,7 @@ from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People
 from modlhmp.storage import DataError
 
+MOST_COLUMNS = 10_000
 _NO_HEADER = "is a header where numbers are expected; remove that line, or use `reader: delimited` with `header: true`"
 
 
@@ -66,21 +67,32 @@ def _first_row(path, layout, block, form):
     if block[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         raise DataError(f"{path}: is UTF-16 text; save it as UTF-8")
     block, before = block.removeprefix(codecs.BOM_UTF8), layout.get("skip_lines") or 0
+    begin = 0  # of the line, not cut off from the block: each cut copies all that is left
     for _ in range(before):
-        _, _, block = block.partition(b"\n")
-    line, _, rest = block.partition(b"\n")
+        begin = _after_line(block, begin)
     comment = form.comment.encode()
     blank_is_row = not comment and not before
-    while rest and not blank_is_row and (not line.strip() or (comment and line.lstrip().startswith(comment))):
-        block, before = rest, before + 1
-        line, _, rest = block.partition(b"\n")
+    while not blank_is_row and (end := _after_line(block, begin)) < len(block):
+        line = block[begin:end].strip()
+        if line and not (comment and line.startswith(comment)):
+            break
+        begin, before = end, before + 1
+    block = block[begin:]
+    line = block[: _after_line(block, 0)].removesuffix(b"\n")
     plain = single_blanks(line) if form.separator is None else line
     fields = fields_of(plain.decode("utf-8", "replace"), form.separator)
     return _First(f"{path}, row {before + 1}", before, line, fields, block)
 
 
+def _after_line(block, begin):
+    """Where the line that begins there is over."""
+    return block.find(b"\n", begin) + 1 or len(block)
+
+
 def _check_first(first, layout, form, texts):
     """Whether there is a header where one is said to be, and as many columns as a format has."""
+    if len(first.fields) > MOST_COLUMNS:
+        raise DataError(f"{first.place}: {len(first.fields)} columns; at most {MOST_COLUMNS} are read")
     numbers = [number(field, form.decimal, form.thousands) is not None for field in first.fields]
     all_text = set(layout["columns"]) <= texts
     if not layout.get("header") and not any(numbers) and not all_text:
