@@ -35,6 +35,7 @@ def draw(
                 curve = here[here["method"] == method].sort_values("share")
                 panel.plot(100 * curve["share"], curve["ade_m"], **style.method_style(position))
             panel.set_xscale("log")
+            style.plain_numbers(panel.xaxis)
             panel.set_ylim(bottom=0)
             n = here["n"].max() if len(here) else 0
             panel.set_title(f"{dataset.title}: {horizon:g} s (n = {n:.0f})", loc="left")
