@@ -217,7 +217,7 @@ def _of_dataset(dataset: Dataset, looked: list[Facts]) -> list[tuple[str, str]]:
     steps = np.concatenate([*lengths, np.empty(0, int)])
     by_horizon = {h: int((steps >= round(h / dataset.time_step_s)).sum()) for h in scored_horizons(None, dataset)}
     return [
-        ("recordings", f"{len(looked)}, of {len(days)} days, from files of {raw:,.3g} MB"),
+        ("recordings", f"{len(looked)}, of {len(days)} day{'s' * (len(days) != 1)}, from files of {raw:,.3g} MB"),
         ("tracks", f"{tracks['train']:,} to train on, {tracks['test']:,} to test on"),
         ("forecasts by horizon", ", ".join(f"{horizon:g} s: {count:,}" for horizon, count in by_horizon.items())),
         *_of_hours(dataset, looked),
