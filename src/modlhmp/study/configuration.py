@@ -198,10 +198,22 @@ def load_datasets(
         found = {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":
         found = {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
-    for method in (name for name in run.methods_run if run.kind(name).outside):
-        for name in found:
-            read_sheet(hand_in_files(run.method(method).options.folder, name)[1])
+    _check_hand_ins(run, list(found), data_root)
     return found
+
+
+def _check_hand_ins(run: RunSettings, datasets: Sequence[str], data_root: str | Path) -> None:
+    """Whether the forecasts from outside that a run needs are there, of every dataset, with a JSON file that is one."""
+    for method in (name for name in run.methods_run if run.kind(name).outside):
+        where = f"configuration, methods.{method}.folder"
+        for dataset in datasets:
+            try:
+                files = hand_in_files(Path(data_root) / run.method(method).options.folder, dataset)
+            except DataError as error:
+                raise DataError(f"{where}: {error} (`data_root` is {data_root})") from None
+            read_sheet(files[1])
+            for file in files:
+                _check_path(where, str(file))
 
 
 def _check_files(run: RunSettings, data_root: str | Path) -> None:
