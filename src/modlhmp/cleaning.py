@@ -140,6 +140,11 @@ def _remedy(form, usual, account):
         )
     if account.notes["cut_at_jump"] > len(account.dropped_tracks):
         return "tracks were cut at every row that jumps: is the unit of length or time right (`units`, `frame_rate`)?"
+    if account.dropped_rows["duplicate_row"] > 0.5 * account.rows_read:
+        return (
+            "most rows have the id and time of another row: are `columns: {track_id, t}` right, and are times written "
+            "with all of their digits?"
+        )
     return "is `cleaning` too strict?"
 
 

@@ -165,7 +165,7 @@ class Average:
 class HandedIn:
     """Of a method whose forecasts come from outside (docs/your-predictor.md)."""
 
-    folder: str = option("", "folder of the forecasts, or of a folder for each dataset, of its name")
+    folder: str = option("", "folder of the forecasts under `data_root`, or of a folder for each dataset, of its name")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -122,7 +122,7 @@ def save(figure: "Figure", path: str | Path) -> None:
     """Write a figure in the format that its name says."""
     try:
         with atomic_path(path) as temporary:
-            figure.savefig(temporary, format=Path(path).suffix[1:], dpi=150)
+            figure.savefig(temporary, format=Path(path).suffix[1:], dpi=150, bbox_inches="tight")
     except OSError as error:
         raise DataError(f"{path}: cannot be written ({error})") from None
 

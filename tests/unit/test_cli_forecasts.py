@@ -223,6 +223,13 @@ def test_forecasts_of_others(folder, tmp_path, change, told):
         said("score", tmp_path / "f.csv", "--tracks", folder / "walks.csv")
 
 
+@pytest.mark.parametrize("step", ["0", "-1", "nan", "inf"])
+def test_a_time_step_that_is_none(folder, tmp_path, step):
+    (tmp_path / "f.csv").write_text("track_id,t0,step,x,y\nP3,1300000129,1,0,0\n")
+    with pytest.raises(modlhmp.DataError, match=f"--time-step {step}: give the seconds between two steps, above 0"):
+        said("score", tmp_path / "f.csv", "--tracks", folder / "walks.csv", "--time-step", step)
+
+
 # --- export-task ----------------------------------------------------------------------------------------------------
 
 

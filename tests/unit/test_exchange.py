@@ -210,6 +210,8 @@ def test_options_of_forms_are_checked(maps, tmp_path):
     refused("resolution_m", modlhmp.load_map, tmp_path / "a", resolution_m=-1)
     refused("its site and its frame itself", modlhmp.load_map, tmp_path / "a.parquet", site=SITE)
     refused("its site and its frame itself", modlhmp.load_map, tmp_path / "a.parquet", origin_m=(1, 2))
+    for origin in ((np.nan, 1), (1,), 3, ("a", 1), (0, np.inf)):
+        refused("origin_m .*: give .x, y. in m", modlhmp.load_map, tmp_path / "a", origin_m=origin)
     refused("a folder is there", maps["cliff"].save, tmp_path, form="matlab")
     refused("a file is there", maps["tc_cliff"].save, tmp_path / "a", form="matlab")
 

@@ -269,6 +269,18 @@ def test_the_page_shows_text_as_text():
     assert not {"script", "i", "u", "draft"} & set(seen)
 
 
+def test_a_narrow_place_leaves_no_empty_half(tmp_path):
+    """Columns of the picture that are white, beside the corridor's panel."""
+    plt = pytest.importorskip("matplotlib.pyplot")
+    path = tmp_path / "a.csv"
+    steps = "".join(f"{p},{t},{0.1 * p:.1f},{1.3 * t + p:.1f}\n" for p in range(20) for t in range(20))
+    path.write_text("id,t,x,y\n" + steps)
+    picture, _ = inspect_file(path, tmp_path).write(tmp_path, "a")
+    dark = (plt.imread(picture)[..., :3] < 0.9).any(axis=(0, 2))
+    assert np.argmax(dark) < 0.05 * len(dark)
+    assert np.argmax(dark[::-1]) < 0.05 * len(dark)
+
+
 def test_nobody_is_drawn_as_nothing():
     assert text_map(empty_tracks()) == ""
 

@@ -154,6 +154,17 @@ def test_boxes_of_a_tracker_are_frames_and_pixels(tmp_path):
         assert "box" in line_of(draft, "columns")
 
 
+def test_a_height_and_a_speed_beside_positions_are_no_box(tmp_path):
+    """As in ATC's raw files, which have no header."""
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{1772442000 + T[n] + 0.25:.3f},{PERSON[n]},{1000 * X[n]:.0f},{1000 * Y[n]:.0f},1650,1200,0.3,0.3",
+    )
+    keys, draft, _ = drafted(path, tmp_path)
+    assert keys["columns"] == {"track_id": 1, "t": 0, "x": 2, "y": 3}
+    assert "boxes" not in draft
+
+
 def test_boxes_with_lost_rows_and_classes(tmp_path):
     left, top = np.rint(30 * X + 500).astype(int), np.rint(30 * Y + 500).astype(int)
     kind = np.array(["Pedestrian", "Biker"])[PERSON % 2]
@@ -178,6 +189,20 @@ def test_whole_numbers_are_asked_about(tmp_path, unit):
     )  # fmt: skip
     _, draft, _ = drafted(path, tmp_path)
     assert "decide" in line_of(draft, "units")
+
+
+@pytest.mark.parametrize("name", ["stamp_us", "t"])
+@pytest.mark.parametrize(("unit", "per", "since"), [("us", 1e6, 0), ("us", 1e6, 987_654_321), ("ns", 1e9, 0)])
+def test_times_since_a_computer_was_started(tmp_path, name, unit, per, since):
+    """Whole numbers that by chance look like seconds since 1970, where nobody has two rows within a minute."""
+    name = name.replace("us", unit)
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n] * per + since:.0f},{X[n]:.3f},{Y[n]:.3f}", f"id,{name},x,y"
+    )
+    keys, _, tracks = drafted(path, tmp_path)
+    assert keys["units"] == {"time": unit}
+    assert keys["clock"] == "unknown"
+    assert sum(len(np.unique(part.track_id)) for part in tracks) == 30
 
 
 @pytest.mark.parametrize("name", ["timestamp", "time_ms", "seconds"])
@@ -260,6 +285,10 @@ def test_quoted_ids_may_hold_the_separator(tmp_path):
         ("date,time,id,x,y", "2026-03-02,{clock},{p},{x:.3f},{y:.3f}", "write both into one column"),
         ("t,x1,y1,x2,y2,x3,y3", "{t:.1f},{x:.2f},{y:.2f},{y:.2f},{x:.2f},{y:.2f},{y:.2f}", "one row for each person"),
         ("id,t,x,y", '{p},{t:.1f},"{mm:,.0f}","{mm:,.0f}"', "no numbers"),
+        ("id,Datum,x,y", "{p},02.03.2026 {clock},{x:.3f},{y:.3f}", "times such as '02.03.2026 09:00:00.0' are neither"),
+        ("id,date,x,y", "{p},2026/3/2 {clock},{x:.3f},{y:.3f}", "nor ISO 8601 (2026-03-02T09:00:00.5"),
+        ("id,t,x,y", "{p},{unix:.6e},{x:.3f},{y:.3f}", "times written with all of their digits"),
+        ("id,t,x,y", "{p},{slow:.0f},{x:.3f},{y:.3f}", "rows of a person are 200 s apart, read with times in frame"),
     ],
 )
 def test_what_no_option_reads_is_answered_with_the_remedy(tmp_path, header, line, told):
@@ -267,7 +296,7 @@ def test_what_no_option_reads_is_answered_with_the_remedy(tmp_path, header, line
         return line.format(
             p=PERSON[n], t=T[n], x=X[n], y=Y[n], days=46083.375 + T[n] / 86400, minutes=T[n] / 60,
             lat=59.2741 + Y[n] / 111_000, lon=15.2066 + X[n] / 56_900, mm=1000 * X[n],
-            clock=f"09:{int(T[n]) // 60:02d}:{T[n] % 60:04.1f}",
+            unix=1772442000 + T[n], slow=5000 * T[n], clock=f"09:{int(T[n]) // 60:02d}:{T[n] % 60:04.1f}",
         )  # fmt: skip
 
     assert told in refused(file_of(tmp_path / "a.csv", written, header))
@@ -468,6 +497,10 @@ def test_times_from_each_person_s_own_begin_are_asked_about(tmp_path):
     ("content", "told"),
     [
         ('[{"id": 1, "t": 0.0, "x": 1.0, "y": 2.0},\n{"id": 1, "t": 1.0, "x": 2.0, "y": 2.0}]\n', "is JSON"),
+        ('[{"id": 1, "t": 0.0, "x": 1.0, "y": 2.0}, {"id": 1, "t": 1.0, "x": 2.0, "y": 2.0}]', "is JSON"),
+        ("id,t,x,y\n" + "".join(f"1,{n},\u0661,\u0662.\u0663\n" for n in range(20)), "of digits 0 to 9, as its time"),
+        ("id,t,x,y\n" + "\u0661,\u0661,\u0661,\u0662\n" * 20, "digits other than 0 to 9, such as"),
+        ("id,t,x,y\n" + "".join(f"1,{n},NaN,NaN\n" for n in range(20)), "has '0', 'NaN', 'NaN'"),
         ("id,t,x,y\n" + "".join(f"1,{n}s,{n}.5m,2.0m\n" for n in range(20)), "numbers with their units"),
     ],
 )

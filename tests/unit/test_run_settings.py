@@ -893,21 +893,32 @@ def test_a_method_of_forecasts_is_like_any_other_but_for_its_cost(config):
 
 def test_what_lies_in_the_folder_is_looked_at_before_any_job(config, tmp_path):
     """The pair of files, and the JSON; of each dataset in a folder of its name, or of the only one."""
+    root, folder = tmp_path, tmp_path / "theirs"
     config["run"], config["datasets"] = "other", ["hotel"]
     config["ladder"], config["uncertainty"] = {"rows": []}, {"methods": []}
-    with_theirs(config, folder=str(tmp_path))
+    with_theirs(config, folder="theirs")
     config["studies"] = {"method": "cliff", "training": {"shares": []}}
 
     def message():
         with pytest.raises(DataError) as error:
-            load_datasets(load(config), DATASETS, "nowhere", "nowhere")
+            load_datasets(load(config), DATASETS, root, "nowhere")
         return str(error.value)
 
+    found = message()
+    assert f"methods.theirs.folder: {folder}: no such folder" in found
+    assert f"(`data_root` is {root})" in found  # as of a published map's `file`
+    folder.mkdir()
     assert "one file of forecasts (.csv, .parquet, .ndjson) is needed" in message()
-    (tmp_path / "f.csv").write_text("track_id,step,x,y\n")
-    (tmp_path / "f.json").write_text("{task: 1}")
+    (folder / "f.csv").write_text("track_id,step,x,y\n")
+    (folder / "f.json").write_text("{task: 1}")
     assert "f.json: cannot be read as JSON" in message()
-    (tmp_path / "f.json").write_text('{"path": "mean"}')
+    (folder / "f.json").write_text('{"path": "mean"}')
     assert "f.json:\n  top level: the key 'task' is required" in message()
-    (tmp_path / "f.json").write_text('{"task": "0", "path": "mean"}')
-    assert load_datasets(load(config), DATASETS, "nowhere", "nowhere").keys() == {"hotel"}
+    (folder / "f.json").write_text('{"task": "0", "path": "mean"}')
+    run = load(config)
+    datasets = load_datasets(run, DATASETS, root, "nowhere")
+    assert datasets.keys() == {"hotel"}
+    pair = [str(folder / "f.csv"), str(folder / "f.json")]
+    assert Plan(run, Layout("theirs"), datasets).hand_in_files("hotel", "theirs", root) == pair
+    config["methods"]["theirs"]["folder"] = str(folder)  # or anywhere
+    assert Plan(load(config), Layout("theirs"), datasets).hand_in_files("hotel", "theirs", "nowhere") == pair

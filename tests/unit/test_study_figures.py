@@ -47,6 +47,31 @@ def layout(tmp_path):
     return layout
 
 
+@pytest.mark.parametrize(
+    ("low", "high", "shown"),
+    [
+        (25, 73, {"30", "50"}),
+        (10, 100, {"10", "30", "100"}),
+        (60, 71, {"60", "68"}),
+        (100, 3000, {"100", "300", "1000"}),
+        (1, 1e4, {"1", "100", "10000"}),
+        (5, 5, {"5"}),
+    ],
+)
+def test_numbers_on_a_logarithmic_axis_are_written_out(low, high, shown):
+    """Two or more in whatever range, of which a few tracks have a small one."""
+    fig, axes = style.figure(1, 1)
+    axes[0, 0].plot([0, 1], [low, high])
+    axes[0, 0].set_yscale("log")
+    style.plain_numbers(axes[0, 0].yaxis)
+    fig.canvas.draw()
+    bottom, top = axes[0, 0].get_ylim()
+    ticks = axes[0, 0].yaxis.get_ticklabels(which="both")
+    labels = {tick.get_text() for tick in ticks if bottom <= tick.get_position()[1] <= top} - {""}
+    assert shown <= labels
+    assert all(label == f"{float(label):g}" for label in labels)
+
+
 def test_every_value_has_its_errors(layout, tmp_path):
     """At the horizons that the dataset has, from the smallest value to the largest."""
     chosen = {"beta": 1, "sampling_radius_m": 1.0}

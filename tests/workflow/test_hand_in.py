@@ -50,7 +50,7 @@ def handed(tiny_run):
     """CVM's own forecasts of the tiny run, exported from the command line and handed in as a method of that run."""
     for dataset in DATASETS:
         made = f"results/tiny/{dataset}/forecasts/cvm"
-        export(tiny_run, dataset, f"handed/{dataset}", "--forecasts", made)
+        export(tiny_run, dataset, f"resources/handed/{dataset}", "--forecasts", made)
     (tiny_run.folder / "handed.yaml").write_text(HANDED)
     files = [f"results/tiny/{name}/{what}/handed.parquet" for name in DATASETS for what in ("errors", "uncertainty")]
     tiny_run.snakemake("--cores", 2, *TINY, "handed.yaml", "--", *files)
@@ -74,8 +74,8 @@ def test_our_own_cvm_has_its_row_to_the_bit(handed, dataset):
 
 def test_a_hand_in_of_another_task_is_refused(handed):
     """With the reason, in the job's log; nothing is scored."""
-    sheet = handed.folder / "handed/demo_forum/forecasts.json"
-    other = json.loads((handed.folder / "handed/demo_hall/forecasts.json").read_text())
+    sheet = handed.folder / "resources/handed/demo_forum/forecasts.json"
+    other = json.loads((handed.folder / "resources/handed/demo_hall/forecasts.json").read_text())
     mine = sheet.read_text()
     sheet.write_text(json.dumps(other))
     try:
@@ -90,7 +90,7 @@ def test_a_hand_in_of_another_task_is_refused(handed):
 def test_a_folder_without_forecasts_is_told_before_any_job(handed):
     (handed.folder / "nothing.yaml").write_text(HANDED.replace("folder: handed", "folder: nowhere"))
     output = handed.snakemake("-n", *TINY, "nothing.yaml", "--", "paper_figures/tiny/results.csv", fails=True)
-    assert "nowhere: no such folder; it holds forecasts such as nowhere/forecasts.csv" in output
+    assert "methods.handed.folder: resources/nowhere: no such folder; it holds forecasts such as" in output
     assert "Traceback" not in output
 
 
@@ -114,7 +114,7 @@ def theirs(tiny_run):
     (tiny_run.folder / "theirs.yaml").write_text(overlay)
     export(tiny_run, "demo_hall", "task", "--training")
     alone = "import runpy, sys; sys.modules['modlhmp'] = None; sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0])"
-    python(tiny_run, "-c", alone, "predictor.py", "task", "theirs")
+    python(tiny_run, "-c", alone, "predictor.py", "task", "resources/theirs")
     tiny_run.snakemake("--cores", 2, "--configfile", "theirs.yaml")
     return tiny_run
 
@@ -135,7 +135,7 @@ def test_it_is_in_every_table_and_figure(theirs):
 
 def test_the_score_of_the_command_line_is_the_run_s(theirs):
     where = ("config/datasets/demo_hall.yaml", "--data-root", "resources/demo/tiny")
-    printed = modlhmp(theirs, "score", "theirs", "--tracks", *where)
+    printed = modlhmp(theirs, "score", "resources/theirs", "--tracks", *where)
     assert "72 of 72 tracks have a forecast" in printed
     results = pd.read_csv(theirs.folder / "paper_figures/theirs/results.csv")
     mine = results[results["method"] == "theirs"].set_index(["protocol", "horizon_s"])

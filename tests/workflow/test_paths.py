@@ -106,7 +106,10 @@ def test_the_configuration_goes_with_the_project(own, way):
     (other / "own.yaml").write_text(yaml.safe_dump({**RUN, "compare": ["cvm_clean"]}))
     own.snakemake(*arguments)
     assert (other / "results/own/own/tracks/b.parquet").exists()
-    (other / "config").mkdir()
+    (other / "config/datasets").mkdir(parents=True)
+    (other / "config/datasets/own.yaml").write_text("reader: none\n")  # before the project's file of this name
+    assert "config/datasets/own.yaml:\n  reader: 'none'" in own.snakemake(*arguments, fails=True)
+    (other / "config/datasets/own.yaml").unlink()
     (other / "config/config.yaml").write_text("methods: {mine: {kind: cvm}}\n")
     output = own.snakemake(*arguments, fails=True)
     assert "no method named 'cvm_clean'" in output

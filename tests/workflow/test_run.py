@@ -39,8 +39,11 @@ PAPER_FIGURES = (
         )
     ),
 )
-TABLES = (*PAPER_TABLES, "ladder-atc", "ladder-edin")
-FIGURES = (*PAPER_FIGURES, "ladder", "memory-maps", "training-share")
+TABLES = (*PAPER_TABLES, "ladder-atc", "ladder-edin", "tab_occupied")
+FIGURES = (
+    *(*PAPER_FIGURES, "ladder", "memory-maps", "training-share"),
+    *("occupied", "occupied-atc-film", "occupied-edin-film"),
+)
 
 
 def exhibits(tables, figures):
@@ -282,7 +285,8 @@ def test_an_edit_of_the_tests_code_compares_again(tiny_run, tmp_path):
 def test_an_edit_of_a_forecaster_forecasts_its_kind_again(tiny_run, tmp_path):
     """Of the chain of snippets: two datasets' snippets, their scores, and what stands on them."""
     rules = edited(tiny_run, tmp_path, "forecasting/chain.py")
-    of_snippets = ("forecast_method", "score_method", "measure_uncertainty", "study_training", "measure_costs")
+    of_snippets = {"forecast_method", "score_method", "measure_uncertainty", "measure_costs"}
+    of_snippets |= {"study_training", "study_occupied"}
     assert {rule: rules.get(rule) for rule in of_snippets} == dict.fromkeys(of_snippets, 2)
     known = {"compare_methods", "climb_ladder", "summarise_results", "measure_encounters", "all"}
     assert not [rule for rule in rules.keys() - {*of_snippets, *known} if not rule.startswith(("table_", "figure_"))]

@@ -30,10 +30,11 @@ from modlhmp.study.versions import code_version
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 try:
-    RUN = load_run(config, ROOT / "config/datasets")
+    DATASET_FOLDERS = "config/datasets", ROOT / "config/datasets"  # the working folder's come first
+    RUN = load_run(config, DATASET_FOLDERS)
     LAYOUT = Layout(RUN.run)
     DATA_ROOT = os.path.expanduser(os.environ.get("MODLHMP_DATA") or RUN.data_root)
-    DATASETS = load_datasets(RUN, ROOT / "config/datasets", DATA_ROOT, LAYOUT.demo)
+    DATASETS = load_datasets(RUN, DATASET_FOLDERS, DATA_ROOT, LAYOUT.demo)
 except DataError as error:
     raise WorkflowError(f"\n{error}") from None
 PLAN = Plan(RUN, LAYOUT, DATASETS)

@@ -141,7 +141,9 @@ rule take_forecasts:
     """Forecasts from outside, once they are known to be of this task's tracks, steps and horizon."""
     input:
         tracks=tracks_of("test"),
-        files=lambda wildcards: PLAN.hand_in_files(wildcards.dataset, wildcards.method),
+        files=lambda wildcards: PLAN.hand_in_files(
+            wildcards.dataset, wildcards.method, DATA_ROOT
+        ),
     output:
         directory(LAYOUT.forecasts("{dataset}", "{method}")),
     log:

@@ -1,12 +1,13 @@
 """Rule take_forecasts."""
 
+from pathlib import Path
+
 from modlhmp.exchange.hand_in import read_hand_in
 from modlhmp.exchange.task import make_task
 from modlhmp.forecasting.files import STORED, write_forecasts
 from modlhmp.forecasting.outputs import kept
 from modlhmp.forecasting.windows import windows
 from modlhmp.logs import job_log
-from modlhmp.methods import Method
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import provenance, unchanged
@@ -19,7 +20,7 @@ with job_log(snakemake.log[0]) as log:
     own = {name: layout.tracks(names.dataset, name) for name in params.recordings}
     task = make_task(((name, read_tracks(file), None) for name, file in own.items()), site, names.dataset)
     with unchanged(*files) as hashes:
-        hand_in = read_hand_in(Method.of(params.method).options.folder, task)
+        hand_in = read_hand_in(Path(files[0]).parent, task)
     (log.warning if len(hand_in.missing) else log.info)("%s", hand_in.coverage())
     for recording, file in own.items():
         forecasts = ((seed, ids, kept(one, STORED)) for seed, ids, one in hand_in.forecasts(recording))

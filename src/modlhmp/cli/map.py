@@ -238,7 +238,7 @@ def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] |
     if path != STREAM:
         ours = exchange.is_parquet(path, form)
         return api.load_map(path, form, site=None if ours else site, origin_m=origin, **how)
-    source = Source("standard input", sys.stdin.buffer.read(), origin or (0.0, 0.0))
+    source = Source("standard input", sys.stdin.buffer.read(), exchange.origin_of(origin))
     found = form or recognise(source)
     if found == PARQUET:
         raise DataError("standard input: Parquet is not read from a stream: give the file")

@@ -72,6 +72,8 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float) -> Any:
     from modlhmp.scoring.horizons import scored_horizons  # noqa: PLC0415
     from modlhmp.scoring.protocols import PROTOCOLS  # noqa: PLC0415
 
+    if not 0 < time_step_s < np.inf:
+        raise DataError(f"--time-step {time_step_s:g}: give the seconds between two steps, above 0")
     with file_of(forecasts) as (file, shown):
         try:
             samples = read_samples(file, time_step_s)

@@ -74,7 +74,7 @@ class HandIn:
 
 def hand_in_files(folder: str | Path, dataset: str) -> tuple[Path, Path]:
     """The file of forecasts and the JSON file beside it, of a dataset; `DataError` where there is no such pair."""
-    folder = Path(folder).expanduser()
+    folder = Path(folder)
     within = folder / dataset if (folder / dataset).is_dir() else folder
     if not within.is_dir():
         raise DataError(f"{folder}: no such folder; it holds forecasts such as {folder}/forecasts.csv")

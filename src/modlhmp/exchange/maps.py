@@ -4,10 +4,12 @@ import hashlib
 import json
 import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from modlhmp.exchange import stef_forms
@@ -85,7 +87,7 @@ def read_tables(
     the table's metadata. `DataError` names the file, the row, the value and the remedy.
     """
     site, files = site or Site(), hour_sources(path)
-    origin = origin_m or (0.0, 0.0)
+    origin = origin_of(origin_m)
     if not files:
         source = read_source(path, origin)
         return read_one(source, form or recognise(source), site, **how)
@@ -117,6 +119,16 @@ def read_one(source: Source, form: str, site: Site, **how: Any) -> Tables:
     if record.kinds[0] != "stef":
         return record.kinds[0], table, {}
     return "stef", stef_forms.constant(table), dict.fromkeys(site.listed_hours or range(24), table)
+
+
+def origin_of(origin_m: Any) -> tuple[float, float]:
+    """(x, y) [m], (0, 0) where none is given; `DataError` for what is no such pair."""
+    if origin_m is None:
+        return 0.0, 0.0
+    pair = isinstance(origin_m, Sequence | np.ndarray) and len(origin_m) == 2
+    if not pair or not all(isinstance(one, Real) and np.isfinite(float(one)) for one in origin_m):
+        raise DataError(f"origin_m {origin_m!r}: give (x, y) in m, of the recordings' origin in the map's frame")
+    return float(origin_m[0]), float(origin_m[1])
 
 
 def read_source(path: str | Path, origin: tuple[float, float] = (0.0, 0.0)) -> Source:

@@ -21,7 +21,6 @@ from modlhmp.maps.snippets import SnippetMap
 from modlhmp.options import Snippets
 from modlhmp.site import Site
 from modlhmp.streams import uniform
-from modlhmp.tracks import clock_time
 
 MOST_TRIES = 50  # of the rejection sampler, after which the most similar snippet tried is taken
 # The heading bins looked at by one who heads into bin h are h and its neighbours: a bin's people differ, the metric
@@ -64,7 +63,7 @@ def chain(
     """
     here = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
     velocities, t0 = observed_steps(observed), observed.t[:, -1]
-    points, speed = features(here, velocities, mod.weights, mod.metric, clock_time(t0, mod.timezone))
+    points, speed = features(here, velocities, mod.weights, mod.metric, mod.metric.hour(t0, mod.timezone))
     velocity = polar(vector_mean(velocities, mod.weights))
     walkers = (points, speed, velocity[1], t0 / 60.0)
     xy, alive = _chain(mod.arrays, keys, *walkers, exclude_s / 60.0, steps, bandwidth_m, pace, exits)

@@ -82,7 +82,7 @@ def velocity_at_t0(observed: Observed, velocity: str, site: Site) -> tuple[np.nd
 
 def observed_steps(observed: Observed) -> np.ndarray:
     """Velocities [n, rows - 1, 2] in m/s between the observed positions, newest first."""
-    dx, dy, dt = (np.diff(column, axis=1)[:, ::-1] for column in (observed.x, observed.y, observed.t))
+    dx, dy, dt = ((now[:, 1:] - now[:, :-1])[:, ::-1] for now in (observed.x, observed.y, observed.t))
     return np.stack([dx / dt, dy / dt], axis=-1)
 
 

@@ -37,10 +37,10 @@ def occupancy(forecast: Forecast, times_s: np.ndarray, t0: float, extent: Box, c
     low = np.floor(np.array([extent[0], extent[2]]) / cell_m + 1e-9).astype(np.int64)
     high = np.maximum(np.ceil(np.array([extent[1], extent[3]]) / cell_m - 1e-9).astype(np.int64), low + 1)
     samples, (columns, rows) = forecast.samples, (high - low).tolist()
-    free = np.ones((len(times_s), rows, columns), np.float32)
-    _leave_free(samples.xy, counted_steps(samples), low, cell_m, free)
+    occupied = np.zeros((len(times_s), rows, columns), np.float32)
+    _occupy(samples.xy, counted_steps(samples), low, cell_m, occupied)
     x, y = (low * cell_m).tolist()
-    return Occupancy(np.subtract(1, free, out=free), (x, y), cell_m, times_s, t0)
+    return Occupancy(occupied, (x, y), cell_m, times_s, t0)
 
 
 def extent_of(forecast: Forecast, cell_m: float = 1.0) -> Box:
@@ -59,12 +59,16 @@ def counted_steps(samples: Forecast) -> np.ndarray:
 
 
 @kernel
-def _leave_free(xy, steps, first, cell_m, free):
-    """Multiply `free` [T, rows, columns] by the share of every walker's samples that are elsewhere."""
+def _occupy(xy, steps, first, cell_m, occupied):
+    """Fill `occupied` [T, rows, columns], all 0, where samples are: 1 less the product of who is elsewhere."""
     n, k, _, _ = xy.shape
-    rows, columns = free.shape[1:]
-    count, touched = np.zeros((rows, columns), np.int32), np.empty((k, 2), np.int64)
-    for step in range(len(free)):
+    rows, columns = occupied.shape[1:]
+    # Only cells that somebody may reach are touched: most of a map's are none.
+    free, count = np.ones((rows, columns), np.float32), np.zeros((rows, columns), np.int32)
+    touched, reached = np.empty((k, 2), np.int64), np.empty((min(n * k, rows * columns), 2), np.int64)
+    known = np.zeros((rows, columns), np.bool_)  # whether it is one of `reached`
+    for step in range(len(occupied)):
+        total = 0
         for i in range(n):
             number = 0
             for j in range(k):
@@ -78,5 +82,11 @@ def _leave_free(xy, steps, first, cell_m, free):
                         number += 1
                     count[row, column] += 1
             for row, column in touched[:number]:
-                free[step, row, column] *= 1.0 - count[row, column] / k
+                if not known[row, column]:
+                    known[row, column], reached[total] = True, (row, column)
+                    total += 1
+                free[row, column] *= 1.0 - count[row, column] / k
                 count[row, column] = 0
+        for row, column in reached[:total]:
+            occupied[step, row, column] = np.float32(1.0) - free[row, column]
+            free[row, column], known[row, column] = 1.0, False

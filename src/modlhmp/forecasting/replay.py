@@ -17,7 +17,6 @@ from modlhmp.maps.episodes import EpisodeMap
 from modlhmp.maps.pieces import features, vector_mean
 from modlhmp.options import Episodes
 from modlhmp.site import Site
-from modlhmp.tracks import clock_time
 
 PIECES_A_PERSON = 8  # looked up for each person of the median: several of a person's rows are alike
 SAMPLES_A_PERSON = 4  # replays beside the median: most have left after a minute, and enough are to be left
@@ -58,7 +57,9 @@ def replay(
     """
     here = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
     velocities = observed_steps(observed)
-    points, speed = features(here, velocities, mod.weights, mod.metric, clock_time(observed.t[:, -1], mod.timezone))
+    points, speed = features(
+        here, velocities, mod.weights, mod.metric, mod.metric.hour(observed.t[:, -1], mod.timezone)
+    )
     rows, distance = mod.nearest(points, PIECES_A_PERSON * k)
     straight = constant_velocity(observed, polar(vector_mean(velocities, mod.weights)), steps, step_s)
     usable = distance <= reach_m
@@ -75,7 +76,7 @@ def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, 
     """Fill `xy` [n, 1 + samples, T, 2] and `alive` [n, 1 + samples] of the walkers who have somebody to follow."""
     n, samples, steps = len(rows), xy.shape[1] - 1, xy.shape[2]
     followed, factor = np.empty(rows.shape[1], np.int64), np.empty(rows.shape[1])
-    sampled = np.empty(rows.shape[1], np.int64)
+    sampled, whose = np.empty(rows.shape[1], np.int64), np.empty(rows.shape[1], np.int64)
     x, y, point = np.empty(k), np.empty(k), np.empty(2)
     for i in range(n):
         number = total = 0
@@ -84,10 +85,13 @@ def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, 
             if of_pieces and new:
                 sampled[total] = row
                 total += 1
-            for other in followed[:number]:
-                new = new and person[other] != person[row]
+            for other in whose[:number]:
+                if other == person[row]:
+                    new = False
+                    break
             if new:
-                followed[number], factor[number] = row, paced(speed[i], path_speed[row], pace)
+                followed[number], whose[number] = row, person[row]
+                factor[number] = paced(speed[i], path_speed[row], pace)
                 number += 1
         if not number:
             continue

@@ -15,7 +15,7 @@ from modlhmp.forecasting.windows import windows
 from modlhmp.inspection.draft import Listed, draft, time_step
 from modlhmp.inspection.facts import Facts, look_at, of_both_sides
 from modlhmp.inspection.folder import files_in, first_day, under
-from modlhmp.inspection.guess import Guess, days_of, guess, guess_people
+from modlhmp.inspection.guess import MOST_STEP_S, Guess, days_of, guess, guess_people
 from modlhmp.inspection.page import page
 from modlhmp.inspection.picture import draw, some_tracks, text_map
 from modlhmp.logs import progress
@@ -120,7 +120,12 @@ def _drafted(
     """The inspection of a recording whose form has been guessed; `files` are those that the draft lists."""
     source = source_of(recording.path, found.form, recording)
     rows, _ = read_recording(source, found.form)
-    found.keys["time_step_s"] = time_step(usual_step(rows))
+    if (step := usual_step(rows)) > MOST_STEP_S:
+        raise DataError(
+            f"{path}: rows of a person are {step:g} s apart, read with times in {found.form.units.time}; a row every "
+            f"{MOST_STEP_S:g} s is needed at least: is that column another unit of time?"
+        )
+    found.keys["time_step_s"] = time_step(step)
     if found.clock:
         day, days = days_of(rows)
         recording = dataclasses.replace(recording, day=day, days=days)
@@ -212,7 +217,7 @@ def _of_dataset(dataset: Dataset, looked: list[Facts]) -> list[tuple[str, str]]:
     steps = np.concatenate([*lengths, np.empty(0, int)])
     by_horizon = {h: int((steps >= round(h / dataset.time_step_s)).sum()) for h in scored_horizons(None, dataset)}
     return [
-        ("recordings", f"{len(looked)}, of {len(days)} days, from files of {raw:,.3g} MB"),
+        ("recordings", f"{len(looked)}, of {len(days)} day{'s' * (len(days) != 1)}, from files of {raw:,.3g} MB"),
         ("tracks", f"{tracks['train']:,} to train on, {tracks['test']:,} to test on"),
         ("forecasts by horizon", ", ".join(f"{horizon:g} s: {count:,}" for horizon, count in by_horizon.items())),
         *_of_hours(dataset, looked),

@@ -11,8 +11,10 @@ from modlhmp.file_format import Split
 from modlhmp.inspection.facts import Facts
 from modlhmp.inspection.guess import Guess
 from modlhmp.splits import in_split
+from modlhmp.tracks import usual_step
 
 HORIZONS_S = (60, 30, 20, 10, 5)
+SHORT_S = (0.25, 0.8)  # between rows that are worth a step each, as of ETH/UCY and THOR
 LEAST_PER_SPLIT = 5  # tracks; and a tenth of them
 _KEYS = (
     *("reader", "file_is", "columns", "header", "separator", "decimal", "thousands", "comment", "skip_lines"),
@@ -58,6 +60,11 @@ def draft(title: str, listed: Sequence[Listed], guess: Guess, facts: Facts, rema
     lines += [_line(key, keys[key], f"decide: {guess.asks[key]}" if key in guess.asks else "")
               for key in _KEYS if key in keys]  # fmt: skip
     lines += [f"# {note}" for note in guess.notes]
+    rate = usual_step(facts.raw)
+    if SHORT_S[0] < rate < SHORT_S[1] and not facts.form.has_velocity:
+        lines.append(
+            f"# A row every {rate:.2g} s: for steps as short, `time_step_s: {rate:.2g}` and `observed_rows: 8`"
+        )
     if step != 1.0:
         lines.append(_line("time_step_s", step, "the file has rows so far apart"))
     lines += [

@@ -64,7 +64,7 @@ class Facts:
         reused = np.unique(rows.track_id[1:][same][seconds > REUSED_S])
         told = [
             ("rows, ids", f"{len(rows.t):,} rows of {len(bounds) - 1:,} ids"),
-            ("ids", ("texts" if account.get("owners") else "whole numbers") + (
+            ("ids", _kinds_of(account.get("owners", {})) + (
                 f"; {len(reused)} pause for more than a minute: probably used again by others" if len(reused) else "")),
             ("time", self._times()),
             ("rate", f"a row every {step:.3g} s ({1 / step:.3g} per second)" if step > 0 else "nobody has two rows"),
@@ -124,6 +124,12 @@ def look_at(path: str | Path, form: FileFormat, recording: Recording, clock: boo
     except DataError as error:
         return Facts(recording, form, raw, empty_tracks(), {}, findings, megabytes, str(error))
     return Facts(recording, form, raw, clean, plain, findings, megabytes)
+
+
+def _kinds_of(owners):
+    """How ids are written; `owners` are those that are no whole numbers, or of a piece of a track."""
+    texts = [text for text, piece in owners.values() if piece == 1]
+    return f"texts, such as {min(texts)!r}" if texts else "whole numbers"
 
 
 def _range(values):

@@ -22,7 +22,7 @@ from modlhmp.readers.delimited import MAX_DISTANCE_M, SECONDS
 from modlhmp.readers.raw import People, open_raw
 from modlhmp.settings import check
 from modlhmp.speed_units import EXTENT_M, FOOT_M, USUAL_MPS, extent_of, rate_for
-from modlhmp.tracks import Tracks
+from modlhmp.tracks import Tracks, usual_step
 
 _RATE = re.compile(r"(?:frame ?-?rate|fps)\D{0,3}(\d+(?:\.\d+)?)", re.I)
 _IN_CM = re.compile(r"\bin (cm|mm|m)\b|[xy]\s?[/\[(]\s?(cm|mm|m)\b", re.I)
@@ -34,6 +34,7 @@ SCALES = (0.002, 0.3)  # metres that a pixel may have
 PLAUSIBLE_MPS = (0.5, 2.5)  # of a unit that is taken without asking
 CAMERAS = (25.0, 30.0, 15.0, 10.0, 9.0, 5.0, 2.5, 1.0)  # frames per second, the commonest first
 MOST_BACK, RARELY = 10.0, 0.1  # usual steps that times may go back; share of rows in which they do, or of people
+MOST_STEP_S = 60.0  # as the option `time_step_s` has it
 MOST_PX = 4100  # of an image's longer side
 
 
@@ -175,13 +176,13 @@ def _layout(sheet: Sheet) -> dict[str, Any]:
 
 def _times_and_lengths(found: Guess, sheet: Sheet, values: Values, columns: Columns, rows: Tracks) -> None:
     """Units of times and places; `rows` are the table's in the file's own."""
-    clock = values.numbers[:, columns.t]
+    clock, step = values.numbers[:, columns.t], usual_step(rows)
     told = " ".join(sheet.comments) + " " + " ".join(sheet.names)
     length = columns.units.get("x") or next((a or b for a, b in _IN_CM.findall(told)), None)
     length = length.lower() if length else None
     length = "ft" if length == "feet" else length
     rate = float(match[1]) if (match := _RATE.search(told)) else None
-    time = "iso" if columns.t in values.iso else _unit_of_time(clock, columns.units.get("t"), rate)
+    time = "iso" if columns.t in values.iso else _unit_of_time(clock, step, columns.units.get("t"), rate)
     if time == "iso" or (time in _UNIX and _UNIX[time][0] < np.nanmedian(clock) < _UNIX[time][1]):
         found.clock = True
     pace, extent = pace_of(rows), extent_of(rows)  # units of length per unit of time; units of length
@@ -197,11 +198,14 @@ def _times_and_lengths(found: Guess, sheet: Sheet, values: Values, columns: Colu
     _length(found, pace / seconds, extent, length)
 
 
-def _unit_of_time(clock: np.ndarray, named: str | None, rate: float | None) -> str | None:
-    """The unit of a column of times; None for whole numbers that may be seconds, milliseconds or frames."""
+def _unit_of_time(clock: np.ndarray, step: float, named: str | None, rate: float | None) -> str | None:
+    """The unit of a column of times; None for whole numbers that may be of a second, or less, or frames.
+
+    `step` is the usual one between a person's rows, by which microseconds of some clock are not seconds since 1970.
+    """
     middle = float(np.nanmedian(clock))
     for unit, (first, last) in _UNIX.items():
-        if first < middle < last:
+        if first < middle < last and step * SECONDS[unit] <= MOST_STEP_S:
             return unit
     if named in ("s", "ms", "us", "ns", "frame"):
         return named
@@ -219,8 +223,8 @@ def _are_pixels(rows: Tracks) -> bool:
 
 
 def _frames_or_seconds(found, pace, extent, length, time, rate):
-    """Whole numbers as times: seconds or milliseconds if people walk as people do, else frames of some rate."""
-    for unit, of_length in itertools.product(("s", "ms"), [length] if length else LENGTH_M):
+    """Whole numbers as times: seconds, or less, if people walk as people do, else frames of some rate."""
+    for unit, of_length in itertools.product(SECONDS, [length] if length else LENGTH_M):
         metres = _METRES.get(of_length)
         if metres is None or time == "frame" or not EXTENT_M[0] <= extent * metres <= EXTENT_M[1]:
             continue

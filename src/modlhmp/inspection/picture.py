@@ -74,4 +74,4 @@ def draw(tracks: Tracks, title: str, path: str | Path) -> None:
     times.set(xlabel="time since the first row / h", ylabel="rows")
     figure.suptitle(title)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+        figure.savefig(temporary, format="png", dpi=110, bbox_inches="tight")  # a place may be narrow

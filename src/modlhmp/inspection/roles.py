@@ -206,6 +206,8 @@ def _are_corners(sheet, values, owner, t, x, y):
     numbers = values.numbers
     if sheet.names or y != x + 1 or y + 2 >= numbers.shape[1] or {owner, t} & {y + 1, y + 2}:
         return False
+    if (numbers[:, t] % 1 > 0).any():  # seconds, not frames: heights and speeds may follow positions, as in ATC's files
+        return False
     first, second = numbers[:, [x, y]], numbers[:, [y + 1, y + 2]]
     known = np.isfinite(first).all(axis=1) & np.isfinite(second).all(axis=1)
     if known.mean() < 0.8 or _spread(values, x) < _IMAGE_PX:

@@ -97,14 +97,16 @@ def read_sheet(path: str | Path | People, lines: list[str]) -> Sheet:
 def _no_table(lines):
     """What is said of a file that holds no table."""
     first = lines[0].strip() if lines else ""
+    if first.startswith(("[{", "[[", "{")) or first == "[":
+        return "is JSON; export it as CSV, one row for each person and time, or as TrajNet++'s JSON lines"
     if len(lines) == 1 and any(len(_fields(first, one)) >= _LEAST_COLUMNS for one in (";", "\t", ",", "|")):
         return f"has no row, only {first[:80]!r}; was the export cut off?"
-    if first.startswith(("[", "{")):
-        return "is JSON; export it as CSV, one row for each person and time, or as TrajNet++'s JSON lines"
     fields = [field for line in lines[1:3] for separator in _SEPARATORS for field in _fields(line, separator)]
     if suffixed := next((field for field in fields if re.fullmatch(r"-?\d+(\.\d+)? ?(m|cm|mm|s|ms|m/s)", field)), None):
         return f"has numbers with their units, such as {suffixed!r}: write numbers alone"
-    return f"holds no table of an id, a time and two positions in each line; it begins {first[:80]!r}"
+    if other := next((field for field in fields if any(one.isdigit() and not one.isascii() for one in field)), None):
+        return f"has digits other than 0 to 9, such as {other!r}: rewrite them"
+    return f"holds no table of an id, a time and two positions in each line; it begins {' / '.join(lines[:3])[:120]!r}"
 
 
 def _fits(lines, separator):

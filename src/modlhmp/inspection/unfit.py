@@ -19,6 +19,7 @@ PIXEL_M = (0.01, 0.06)  # of cameras that see a place
 _DEGREES = {"lat", "latitude", "lon", "long", "lng", "longitude"}
 _LONGER = {"minutes": 60.0, "hours": 3600.0, "days": 86_400.0}  # units of time that there is no option for
 _NAMES_OF = {"min": "minutes", "mins": "minutes", "minute": "minutes", "hour": "hours", "hrs": "hours", "day": "days"}
+_DATE = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{1,4}([ T,].*)?")
 _CLOCK = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
 _OF_A_SECOND = re.compile(r"(nanosec|nsec|nanosecond)s?$")
 _NUMBERED = re.compile(r"(?:pos)?([xy])(\d+)", re.IGNORECASE)
@@ -50,6 +51,9 @@ def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Valu
             f"{path}: has no column of ids: if every file is one person's, inspect its folder "
             "(`modlhmp inspect FOLDER`); else say `columns` in a dataset file"
         )
+    dates = (c for c in range(len(sheet.rows[0])) if c not in values.iso and _DATE.fullmatch(sheet.rows[0][c].strip()))
+    if (column := next(dates, None)) is not None:
+        raise DataError(f"{path}: {_no_time(sheet.rows[0][column])}")
     shown = "; ".join(" ".join(row) for row in sheet.rows[:2])[:120]
     raise DataError(
         f"{path}: no choice of id, time, x and y among its {len(sheet.rows[0])} columns gives people who move "
@@ -59,7 +63,11 @@ def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Valu
 
 def refuse_unfit(path: str | Path | People, sheet: Sheet, values: Values, columns: Columns, rows: Tracks) -> None:
     """`DataError` for times or positions that no option reads; `rows` are the table's in its own units."""
-    if told := _of_times(sheet, values, columns, rows) or _of_places(sheet, values, columns, rows):
+    told = _of_times(sheet, values, columns, rows) or _of_places(sheet, values, columns, rows)
+    if not told and not len(rows.t):
+        shown = ", ".join(repr(sheet.rows[0][column]) for column in (columns.t, columns.x, columns.y))
+        told = f"no row has numbers, of digits 0 to 9, as its time, x and y; the first one has {shown}"
+    if told:
         raise DataError(f"{path}: {told}")
 
 
@@ -81,10 +89,7 @@ def _of_times(sheet, values, columns, rows):
             f"{sheet.called(other)!r}: write both into one column, 2026-03-02T09:00:00.5"
         )
     if not np.isfinite(clock).any():
-        return (
-            f"times such as {texts[0]!r} are neither numbers nor ISO 8601 (2026-03-02T09:00:00.5, with or without "
-            "+01:00): rewrite that column"
-        )
+        return _no_time(texts[0])
     if columns.t in values.iso or not len(rows.t):
         return ""
     unit = _long_unit(sheet, columns, rows)
@@ -98,6 +103,13 @@ def _of_times(sheet, values, columns, rows):
             "column as 2026-03-02T09:00:00.5, or in seconds"
         )
     return f"times such as {texts[0]} are in {unit}, for which there is no unit: write that column in seconds"
+
+
+def _no_time(text):
+    return (
+        f"times such as {text!r} are neither numbers nor ISO 8601 (2026-03-02T09:00:00.5, with or without +01:00): "
+        "rewrite that column"
+    )
 
 
 def _are_clock_times(sheet, column):

@@ -14,7 +14,7 @@ from modlhmp.maps.pieces import Metric, differences, features, resample
 from modlhmp.options import Episodes, NoBuilding
 from modlhmp.site import Site
 from modlhmp.storage import column
-from modlhmp.tracks import Tracks, clock_time
+from modlhmp.tracks import Tracks
 
 COLUMNS = ("person", "t", "x", "y")
 
@@ -60,7 +60,7 @@ class EpisodeMap:
         self.speed = np.zeros(len(person))
         steps = differences(self.xy, past, step_s)[self.rows]
         points, self.speed[self.rows] = features(
-            self.xy[self.rows], steps, weights, metric, clock_time(self.t[self.rows], timezone)
+            self.xy[self.rows], steps, weights, metric, metric.hour(self.t[self.rows], timezone)
         )
         self.tree = cKDTree(points)
 
@@ -69,5 +69,5 @@ class EpisodeMap:
         number = min(number, len(self.rows))
         if not number:  # the tree cannot be asked for none
             return np.empty((len(points), 0), np.int64), np.empty((len(points), 0))
-        distance, found = self.tree.query(points, np.arange(1, number + 1))
-        return self.rows[found], distance
+        distance, found = self.tree.query(points, number)
+        return self.rows[found].reshape(-1, number), distance.reshape(-1, number)  # it leaves an axis of one out

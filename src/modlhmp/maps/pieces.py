@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from modlhmp.options import Alike
-from modlhmp.tracks import Tracks, gap_limit, positions_at, runs, usable_tracks
+from modlhmp.tracks import Tracks, clock_time, gap_limit, positions_at, runs, usable_tracks
 
 HEADINGS = 8  # bins of 45 degrees, and one more for people who hardly move
 SLOW_M_S = 0.3  # below this speed a heading means little, at 0 nothing
@@ -43,6 +43,10 @@ class Metric(NamedTuple):
     def of(cls, options: Alike) -> "Metric":
         """That of a method's options."""
         return cls(*(getattr(options, name) for name in cls._fields))
+
+    def hour(self, t: np.ndarray, timezone: str) -> np.ndarray:
+        """Clock time of day [h] of unix times `t` [s]; 0 where it does not count."""
+        return clock_time(t, timezone) if self.hour_m else np.zeros(len(t))
 
 
 def resample(tracks: Tracks, step_s: float) -> Pieces:

@@ -16,7 +16,7 @@ from modlhmp.maps.pieces import HEADINGS, Metric, cell_and_bin, features, resamp
 from modlhmp.options import SnippetBuilding, Snippets
 from modlhmp.site import Site
 from modlhmp.storage import column
-from modlhmp.tracks import Tracks, clock_time
+from modlhmp.tracks import Tracks
 
 COLUMNS = ("i", "j", "bin", "x", "y", "minute", "stands_for", "steps", "path")
 
@@ -112,7 +112,7 @@ class SnippetMap:
         length = min(max(round(length_s / self.step_s), 1), width - 1 - past)
         before = np.diff(path[:, : past + 1].astype(float), axis=1)[:, ::-1] / self.step_s
         minute, xy = minute.astype(np.int64), np.column_stack([x, y]).astype(float)
-        points, speed = features(xy, before, weights, metric, clock_time(60.0 * minute, timezone))
+        points, speed = features(xy, before, weights, metric, metric.hour(60.0 * minute, timezone))
         cells = where[first]
         origin, size = lattice_box(cells[:, :2])
         index = np.full((*size, HEADINGS + 1), -1, np.int32)

@@ -2,7 +2,7 @@
 
 import dataclasses
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +23,20 @@ MOST_NAME_BYTES = 200  # of a recording: file systems allow 255, and results hav
 _UNFIT = re.compile(r"[{}<>\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")  # wildcards, ends of lines, undecodable bytes
 
 
-def load_run(config: Mapping[str, Any], datasets_folder: str | Path) -> RunSettings:
-    """The run that a configuration describes; `DataError` that names every key that is wrong, and the remedy."""
+Folders = str | Path | Sequence[str | Path]
+
+
+def dataset_files(folders: Folders) -> dict[str, Path]:
+    """The dataset files of a folder, or of several, by name; those of an earlier folder come first."""
+    each = [folders] if isinstance(folders, str | Path) else folders
+    return {file.stem: file for folder in reversed(each) for file in Path(folder).glob("*.yaml")}
+
+
+def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
+    """The run that a configuration describes; `DataError` that names every key that is wrong, and the remedy.
+
+    `folders` are those that dataset files lie in.
+    """
     run = check(RunSettings, dict(config), "configuration")
     if not re.fullmatch("[A-Za-z0-9_-]+", run.run):
         raise DataError(f"configuration, run: {run.run!r}: a name of letters, digits, _ and - only")
@@ -42,10 +54,11 @@ def load_run(config: Mapping[str, Any], datasets_folder: str | Path) -> RunSetti
     _check_sections(run)
     _check_entries(run)
     _check_names(run)
-    known = sorted(file.stem for file in Path(datasets_folder).glob("*.yaml"))
+    known = sorted(dataset_files(folders))
     for name in run.datasets:
         if name not in known:
-            raise DataError(unknown("configuration, datasets", "dataset", name, known))
+            where = f"a file config/datasets/{name}.yaml would be one"
+            raise DataError(unknown("configuration, datasets", "dataset", name, known, where))
     return run
 
 
@@ -154,14 +167,15 @@ def _check_names(run: RunSettings) -> None:
 
 
 def load_datasets(
-    run: RunSettings, folder: str | Path, data_root: str | Path, demo_root: str | Path
+    run: RunSettings, folders: Folders, data_root: str | Path, demo_root: str | Path
 ) -> dict[str, Dataset]:
     """The datasets of a run by name, each checked, and together.
 
     Exhibits of two must not overwrite each other, nor pass for the demo's; options that a file has `tuned` must be of a
     kind or method that exists, and ones that it takes.
     """
-    found = {name: load_dataset(Path(folder) / f"{name}.yaml", data_root, demo_root) for name in run.datasets}
+    files = dataset_files(folders)
+    found = {name: load_dataset(files[name], data_root, demo_root) for name in run.datasets}
     labels = [dataset.label for dataset in found.values()]
     if twice := {label for label in labels if labels.count(label) > 1}:
         names = [name for name, dataset in found.items() if dataset.label in twice]
@@ -169,14 +183,13 @@ def load_datasets(
     if run.run == "demo" and not all(dataset.demo for dataset in found.values()):
         raise DataError("configuration, run: `demo` is for the demo's recordings; give your run another name")
     for dataset in found.values():
-        _check_tuned(run, dataset, Path(folder) / f"{dataset.name}.yaml")
+        _check_tuned(run, dataset, files[dataset.name])
         hourly = [name for name in run.methods_run if run.kind(name).hourly]
         if dataset.clock == "unknown" and hourly:
             raise DataError(
-                f"{Path(folder) / dataset.name}.yaml: {lacks.NO_CLOCK}: leave "
-                f"{', '.join(hourly)} out of `compare` and the ladder"
+                f"{files[dataset.name]}: {lacks.NO_CLOCK}: leave {', '.join(hourly)} out of `compare` and the ladder"
             )
-        _check_paths(dataset, Path(folder) / f"{dataset.name}.yaml")
+        _check_paths(dataset, files[dataset.name])
         _check_horizons(run, dataset)
     _check_files(run, data_root)
     if run.strict:
@@ -185,10 +198,22 @@ def load_datasets(
         found = {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":
         found = {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
-    for method in (name for name in run.methods_run if run.kind(name).outside):
-        for name in found:
-            read_sheet(hand_in_files(run.method(method).options.folder, name)[1])
+    _check_hand_ins(run, list(found), data_root)
     return found
+
+
+def _check_hand_ins(run: RunSettings, datasets: Sequence[str], data_root: str | Path) -> None:
+    """Whether the forecasts from outside that a run needs are there, of every dataset, with a JSON file that is one."""
+    for method in (name for name in run.methods_run if run.kind(name).outside):
+        where = f"configuration, methods.{method}.folder"
+        for dataset in datasets:
+            try:
+                files = hand_in_files(Path(data_root) / run.method(method).options.folder, dataset)
+            except DataError as error:
+                raise DataError(f"{where}: {error} (`data_root` is {data_root})") from None
+            read_sheet(files[1])
+            for file in files:
+                _check_path(where, str(file))
 
 
 def _check_files(run: RunSettings, data_root: str | Path) -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from modlhmp.datasets import Dataset
@@ -119,9 +120,10 @@ class Plan:
         """Methods whose forecasts come from outside."""
         return [name for name in self.run.methods_run if self.run.kind(name).outside]
 
-    def hand_in_files(self, dataset: str, name: str) -> list[str]:
+    def hand_in_files(self, dataset: str, name: str, data_root: str | Path) -> list[str]:
         """The file of such forecasts of a dataset, and the JSON file beside it; `DataError` where there is none."""
-        return [str(file) for file in hand_in_files(self.method(dataset, name).options.folder, dataset)]
+        folder = Path(data_root) / self.method(dataset, name).options.folder
+        return [str(file) for file in hand_in_files(folder, dataset)]
 
     @property
     def read_anew(self) -> list[str]:

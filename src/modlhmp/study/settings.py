@@ -36,7 +36,7 @@ class MethodEntry:
 
     kind: str = option("", "one of the kinds below")
     title: str = option("", "name in tables and figures")
-    folder: str = option("", "of kind `forecasts`: where they lie (docs/your-predictor.md)")
+    folder: str = option("", "of kind `forecasts`: their folder under `data_root` (docs/your-predictor.md)")
     inherits: str = option("", "method whose options it starts from: all that its kind has, too")
     options: dict[str, Any] = option({}, "what differs from the section of its kind, or from the budget")
     file: str = option(

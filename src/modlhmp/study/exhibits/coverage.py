@@ -32,7 +32,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
             curve = one[(one["method"] == method) & (one["protocol"] == "paper")].sort_values("horizon_s")
             every = max(len(curve) // 6, 1)
             look = style.method_style(position)
-            above.plot(curve["horizon_s"], 100 * curve["coverage"], markevery=(every - 1, every), **look)
+            above.plot(curve["horizon_s"], 100 * curve["coverage"], markevery=(every - 1, every), clip_on=False, **look)
         for protocol, look in ELIGIBLE.items():
             counts = one[one["protocol"] == protocol].groupby("horizon_s")["eligible"].first()
             below.plot(counts.index, counts.where(counts > 0), **look)
@@ -40,6 +40,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
         above.set(xlim=(0, dataset.horizon_s), ylim=(0, 105), ylabel="scored / eligible [%]")
         below.set(xlabel="prediction horizon [s]", ylabel="eligible tracks n")
         below.set_yscale("log")
+        style.plain_numbers(below.yaxis)
     handles = [style.line_of(position) for position in range(len(methods))] + axes[1, 0].get_lines()
     names = [*methods.values(), *(f"eligible, {protocol} protocol" for protocol in ELIGIBLE)]
     note = "Under the complete protocol every method scores all eligible tracks."

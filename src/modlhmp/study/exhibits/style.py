@@ -16,8 +16,10 @@ from modlhmp.storage import atomic_path, write_text
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 from matplotlib.transforms import Affine2D
 
 Look = dict[str, Any]  # options of lines and patches
@@ -90,6 +92,18 @@ def figure(
 ) -> tuple[Figure, np.ndarray]:
     """A figure of printed size and its axes [rows, columns]."""
     return plt.subplots(rows, columns, figsize=(width_mm * MM, height_mm * MM), squeeze=False, **options)
+
+
+def plain_numbers(axis: Axis) -> None:
+    """Label a logarithmic axis, once all is drawn, with numbers as people write them: 30, 50, 100."""
+    low, high = axis.get_view_interval()
+    decades = np.log10(high / low) if low > 0 else np.nan
+    if decades < 0.5:
+        axis.set_major_locator(MaxNLocator(4))
+    elif decades < 2:
+        axis.set_major_locator(LogLocator(subs=(1, 2, 3, 5) if decades < 1.5 else (1, 3)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
 
 
 def legend_below(fig: Figure, handles: Sequence[Any], labels: Sequence[str], note: str, most: int = 3) -> None:

@@ -98,6 +98,9 @@ def draw_results(
     )
     if np.isfinite(spread):
         note += f" {results['seeds'].max():.0f} seeds; the SD of the mean ADE over seeds is at most {spread:.3f} m."
+        several = set(results.loc[results["seeds"] > 1, "method"])
+        if single := [title for name, title in methods.items() if name not in several]:
+            note += f" {', '.join(single)}: no SD over seeds, since there is one forecast of each track."
     note += _several(datasets)
     write_table(pd.concat(blocks), stem, "Results", any(dataset.demo for dataset in datasets), note, others)
 

@@ -26,7 +26,7 @@ def draw(
     [s] are those of the ladder by dataset.
     """
     rows = pd.concat([_summaries(layout, dataset, titles, shares) for dataset in datasets], ignore_index=True)
-    fig, axes = style.figure(len(datasets), 3, style.PAGE_MM, 52.0 * len(datasets) + 8, sharex=True)
+    fig, axes = style.figure(len(datasets), 3, style.PAGE_MM, 56.0 * len(datasets) + 8, sharex=True)
     for line, dataset in zip(axes, datasets, strict=True):
         drawn = horizons[dataset.name][-3:]
         for panel, horizon in zip(line, drawn, strict=False):
@@ -35,9 +35,10 @@ def draw(
                 curve = here[here["method"] == method].sort_values("share")
                 panel.plot(100 * curve["share"], curve["ade_m"], **style.method_style(position))
             panel.set_xscale("log")
+            style.plain_numbers(panel.xaxis)
             panel.set_ylim(bottom=0)
             n = here["n"].max() if len(here) else 0
-            panel.set_title(f"{dataset.title}: {horizon:g} s (n = {n:.0f})", loc="left")
+            panel.set_title(f"{dataset.title}\n{horizon:g} s (n = {n:.0f})", loc="left")
         for panel in line[len(drawn) :]:
             panel.set_axis_off()
         line[0].set_ylabel("ADE [m]")
