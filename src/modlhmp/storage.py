@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 _PROVENANCE = b"modlhmp"
 _SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64
 _NOT_AS_WRITTEN = "is not as it was written (its seal does not fit); delete it and make it again"
-_SEAL_OF_TEXT = b'"%s": "' % _SEAL  # what stands before the seal in JSON
+_SEAL_OF_TEXT = re.compile(rb'"modlhmp\.seal": ?"')  # what stands before the seal in JSON
 _TEMPORARY = re.compile(r"\..+\.([1-9]\d*)\.part")  # a name that `atomic_path` gives: whose, and by which process
 _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
@@ -188,8 +188,8 @@ def unsealed() -> dict[str, str]:
 
 def sealed(content: bytes) -> bytes:
     """JSON, or what begins with it, with the digest of all in place of the zeros of its key `modlhmp.seal`."""
-    start = content.index(_SEAL_OF_TEXT) + len(_SEAL_OF_TEXT)
-    return content[:start] + hashlib.sha256(content).hexdigest().encode() + content[start + len(_UNSEALED) :]
+    start, end = _seal_of(content)
+    return content[:start] + hashlib.sha256(content).hexdigest().encode() + content[end:]
 
 
 def read_sealed(path: str | Path) -> bytes:
@@ -200,11 +200,17 @@ def read_sealed(path: str | Path) -> bytes:
         raise DataError(f"{path}: no such file; if the workflow makes it, run the workflow again") from None
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror})") from None
-    before, mark, after = content.partition(_SEAL_OF_TEXT)
-    seal, rest = after[: len(_UNSEALED)], after[len(_UNSEALED) :]
-    if hashlib.sha256(before + mark + _UNSEALED + rest).hexdigest().encode() != seal:
+    start, end = _seal_of(content)
+    if hashlib.sha256(content[:start] + _UNSEALED + content[end:]).hexdigest().encode() != content[start:end]:
         raise DataError(f"{path}: {_NOT_AS_WRITTEN}")
     return content
+
+
+def _seal_of(content: bytes) -> tuple[int, int]:
+    """Where the seal of JSON begins and ends: at the end of content that has none."""
+    found = _SEAL_OF_TEXT.search(content)
+    start = found.end() if found else len(content)
+    return start, start + len(_UNSEALED)
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -2,6 +2,9 @@
 
 import json
 import logging
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -138,30 +141,22 @@ def test_weights_are_read_as_they_were_written(tmp_path):
     WRITE["safetensors"](tmp_path / "a.safetensors")
     weights, settings = read_weights(tmp_path / "a.safetensors")
     assert settings == {"kind": "lstm", "shape": [8, 4, 1.0]}
-    assert list(weights) == list(WEIGHTS)
+    assert weights.keys() == WEIGHTS.keys()
     for name, value in WEIGHTS.items():
         assert weights[name].dtype == value.dtype
         assert weights[name].shape == value.shape
         assert torch.equal(weights[name], value)
 
 
-def test_weights_have_the_form_of_safetensors(tmp_path):
-    """By its specification, since the package is no part of the environment."""
-    WRITE["safetensors"](tmp_path / "a.safetensors")
-    content = (tmp_path / "a.safetensors").read_bytes()
-    length = int.from_bytes(content[:8], "little")
-    header = json.loads(content[8 : 8 + length])
-    assert length % 8 == 0
-    assert content[8:9] == b"{"
-    assert all(isinstance(value, str) for value in header.pop("__metadata__").values())
-    ends = [end for one in header.values() for end in one["data_offsets"]]
-    assert ends == sorted(ends)
-    assert (ends[0], ends[-1]) == (0, len(content) - 8 - length)
-    assert header["weight"]["dtype"] == "F64"
-    assert header["weight"]["shape"] == [3, 2]
-    first, last = header["weight"]["data_offsets"]
-    numbers = np.frombuffer(content[8 + length :][first:last], "<f8").reshape(3, 2)
-    np.testing.assert_array_equal(numbers, WEIGHTS["weight"].numpy())
+def test_the_same_weights_are_the_same_bytes(tmp_path):
+    """In whatever order they come, and in other processes, in which sets have other orders."""
+    code = "import sys, torch; from modlhmp.networks.weights import write_weights; "
+    code += "write_weights(sys.argv[1], {'b': torch.ones(3), 'a': torch.zeros(2)}, {'x': 1, 'y': [2]})"
+    for number in (1, 2):
+        environment = {**os.environ, "PYTHONHASHSEED": str(number)}
+        subprocess.run([sys.executable, "-c", code, tmp_path / f"{number}.safetensors"], env=environment, check=True)
+    write_weights(tmp_path / "3.safetensors", {"a": torch.zeros(2), "b": torch.ones(3)}, {"y": [2], "x": 1})
+    assert len({(tmp_path / f"{number}.safetensors").read_bytes() for number in (1, 2, 3)}) == 1
 
 
 @pytest.mark.parametrize("form", WRITE)
