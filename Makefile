@@ -2,6 +2,7 @@
 SHELL := /bin/bash
 PYTHON ?= python3.11
 CORES ?= 2
+RUN ?= demo
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # Everything a run writes outside the project stays in it: kernels are compiled once, here.
@@ -9,7 +10,8 @@ export MODLHMP_CACHE_DIR ?= $(CURDIR)/.cache/kernels
 export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
 export PYTHONHASHSEED ?= 0
 
-.PHONY: help environment reproduce test test-full lint lock bench paper-size results settings clean
+.PHONY: help environment reproduce test test-full lint lock bench paper-size results certify verify \
+    settings clean
 
 help:                     ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -54,6 +56,12 @@ results: environment     ## the real runs (MODLHMP_DATA) -> docs/numbers.json an
 	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/folds.yaml
 	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/networks.yaml
 	$(BIN)/python -m modlhmp.study.publish
+
+certify: environment     ## results/RUN/certificate.json of all that went in and came out (CONFIG="config/real.yaml ...")
+	$(BIN)/snakemake --cores $(CORES) --forcerun certify $(if $(CONFIG),--configfile $(CONFIG)) -- certify
+
+verify: environment      ## whether RUN's files are still those, and those of AGAINST=another certificate
+	$(BIN)/python -m modlhmp.study.certificate $(RUN) $(AGAINST)
 
 settings: environment    ## schemas and the tables of config/README.md, from the typed settings
 	$(BIN)/python -m modlhmp.study.describe

@@ -48,6 +48,11 @@ class Layout:
         """Time and memory of a job."""
         return f"{'/'.join([self.results, 'benchmarks', rule, *names])}.tsv"
 
+    @property
+    def certificate(self) -> str:
+        """What went into the run and what came out of it, by SHA-256."""
+        return f"{self.results}/certificate.json"
+
     # --- data of a dataset --------------------------------------------------------------------------------------------
 
     def tracks(self, dataset: str, recording: str) -> str:

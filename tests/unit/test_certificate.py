@@ -1,0 +1,109 @@
+"""A certificate names every file of a run, and says what two runs differ in, and why."""
+
+import json
+import shutil
+
+import pytest
+
+from modlhmp.storage import write_json, write_parquet, write_text
+from modlhmp.study import certificate as of
+from modlhmp.study.layout import Layout
+
+
+@pytest.fixture
+def layout(tmp_path):
+    """A small run: tracks, a training, costs, a log, two tables."""
+    layout = Layout("r", str(tmp_path / "here"))
+    write_parquet({"x": [1.0]}, layout.tracks("hall", "monday"), sources={"monday.csv": "ab12"})
+    write_json(layout.training("hall", "lstm"), {"epochs": 3, "core_minutes": 2.5, "curve": [{"seconds": 1.0, "n": 2}]})
+    write_json(layout.costs("hall"), {"cvm": 1.0})
+    write_text(layout.log("clean"), "at noon")
+    write_text(f"{layout.exhibit('ladder-hall')}.csv", "row,ms per track,ADE\na,0.1,2\n")
+    write_text(f"{layout.exhibit('ladder-hall')}.md", "| a | 0.1 | 2 |")
+    write_text(f"{layout.exhibit('claims')}.md", "| a |")
+    return layout
+
+
+@pytest.fixture
+def certified(layout, tmp_path):
+    """The run with its certificate."""
+    write_json(layout.certificate, of.certificate(layout, {"run": "r", "seeds": [0]}, tmp_path))
+    return layout
+
+
+def test_it_names_what_came_out_and_what_went_in(layout, tmp_path):
+    made = of.certificate(layout, {"seeds": [0]}, tmp_path)
+    assert made["outputs"].keys() == {
+        "results/hall/tracks/monday.parquet",
+        "results/hall/models/lstm.json",
+        "paper_figures/ladder-hall.csv",
+        "paper_figures/claims.md",
+    }
+    assert made["inputs"] == {"hall/monday/monday.csv": "ab12"}
+    assert made["configuration"].keys() == {"seeds"}
+    assert made["environment"]["numpy"]
+    assert "modlhmp/study/certificate.py" in made["code"]
+
+
+def test_times_do_not_count(layout):
+    before = of.outputs(layout)
+    write_json(layout.training("hall", "lstm"), {"epochs": 3, "core_minutes": 9.5, "curve": [{"seconds": 7.0, "n": 2}]})
+    write_json(layout.costs("hall"), {"cvm": 2.0})
+    write_text(layout.log("clean"), "at night")
+    write_text(f"{layout.exhibit('ladder-hall')}.csv", "row,ms per track,ADE\na,0.7,2\n")
+    assert of.outputs(layout) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("results/hall/tracks/monday.parquet", lambda one: write_parquet({"x": [2.0]}, one.tracks("hall", "monday"))),
+        ("results/hall/models/lstm.json", lambda one: write_json(one.training("hall", "lstm"), {"epochs": 4})),
+        (
+            "paper_figures/ladder-hall.csv",
+            lambda one: write_text(f"{one.exhibit('ladder-hall')}.csv", "row,ADE\na,3\n"),
+        ),
+        ("paper_figures/claims.md", lambda one: write_text(f"{one.exhibit('claims')}.md", "| b |")),
+        ("paper_figures/new.md", lambda one: write_text(f"{one.exhibit('new')}.md", "| b |")),
+    ],
+)
+def test_a_changed_result_is_named(certified, name, change):
+    assert of.verify(certified, None) == ({}, "since the certificate was written: the same: all 4 outputs")
+    change(certified)
+    found, told = of.verify(certified, None)
+    assert [line.split(":")[0] for line in found["outputs"]] == [name]
+    assert told == "since the certificate was written: 1 of 4 outputs have changed"
+
+
+def test_two_runs_differ_for_a_reason(certified, tmp_path, capsys):
+    """In a file that was read, in a package, or for none that can be seen."""
+    other = json.loads((tmp_path / "here/results/r/certificate.json").read_text())
+
+    def against(**parts):
+        changed = {key: {**other[key], **parts.get(key, {})} for key in (*of.REASONS, "outputs")}
+        write_json(tmp_path / "other.json", {**{k: v for k, v in other.items() if k != "modlhmp.seal"}, **changed})
+        return of.verify(certified, tmp_path / "other.json")
+
+    assert against()[1].endswith("the same: all 4 outputs")
+    wrong = {"paper_figures/claims.md": "0" * 64}
+    found, told = against(outputs=wrong, inputs={"hall/monday/monday.csv": "cd34"}, environment={"numpy": "0.1"})
+    assert found.keys() == {"inputs", "environment", "outputs"}
+    assert found["inputs"] == ["hall/monday/monday.csv: ab12 and cd34"]
+    assert told.endswith("1 of 4 outputs differ, with other inputs and environment, which may be why")
+    assert against(outputs=wrong)[1].endswith("nothing that went in does: please report this")
+    assert against(environment={"numpy": "0.1"})[1].endswith("all 4 outputs, with other environment")
+    assert against(outputs={"results/hall/maps/stef.parquet": "1" * 64})[0]["outputs"] == [
+        "results/hall/maps/stef.parquet: only in the other"
+    ]
+
+
+def test_the_command_has_a_status(certified, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path / "here")
+    assert of.main(["r"]) == 0
+    shutil.copy("results/r/certificate.json", "theirs.json")
+    assert of.main(["r", "theirs.json"]) == 0
+    assert "theirs.json: the same: all 4 outputs" in capsys.readouterr().out
+    (tmp_path / "here/paper_figures/r/claims.md").write_text("other")
+    assert of.main(["r", "theirs.json"]) == 1
+    assert of.main(["s"]) == 1
+    assert "results/s/certificate.json: no such file" in capsys.readouterr().err
