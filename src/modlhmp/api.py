@@ -32,7 +32,7 @@ from modlhmp.futures import Futures, Scores, whole_steps
 from modlhmp.kinds import find
 from modlhmp.maps.base import DAY, check_frame, hour_files
 from modlhmp.methods import build_map as build_tables
-from modlhmp.methods import by_hours, forecaster_of
+from modlhmp.methods import forecaster_of, model_of
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.protocols import score as score_forecast
 from modlhmp.settings import as_plain, check, unknown
@@ -161,11 +161,7 @@ class Map:
 
     def model(self, options: Any) -> Any:
         """The map ready to be asked with a method's options."""
-        module = find(self.kind).implementation()
-        if not find(self.kind).hourly:
-            return module.load(self.whole, self.site, options)
-        hours = {hour: module.load(table, self.site, options) for hour, table in self.hours.items()}
-        return by_hours(find(self.kind), hours, self.whole, self.site, options)
+        return model_of(self.kind, self.whole, self.hours, self.site, options)
 
 
 def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: Any) -> Map:

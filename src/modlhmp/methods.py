@@ -68,6 +68,17 @@ def load_map(kind: str, path: str | Path, site: Site, options: Any) -> Any:
     return by_hours(record, hours, Path(path) / DAY, site, options)
 
 
+def model_of(kind: str, whole: pa.Table | None, hours: Mapping[int, pa.Table], site: Site, options: Any) -> Any:
+    """The tables of a kind's map (`build_map`) ready to be asked."""
+    record = find(kind)
+    module = record.implementation()
+    if not record.hourly:
+        return module.load(whole, site, options)
+    return by_hours(
+        record, {hour: module.load(one, site, options) for hour, one in hours.items()}, whole, site, options
+    )
+
+
 def by_hours(
     record: Kind, hours: Mapping[int, Any], whole: str | Path | pa.Table | None, site: Site, options: Any
 ) -> HourlyMod:

@@ -114,13 +114,14 @@ def test_published_networks_are_trained_until_twice_the_windows_do_not_help_on_r
         ("ladder.yaml", ["neural_map_1"]),
     ):
         assert not any(load(shipped[file]).method(name).learning.doubling for name in names), file
-    for name in PUBLISHED:
-        for seed in (1, 2):
-            one, plain = more.method(f"{name}_{seed}"), real.method(name)
-            assert one.options == dataclasses.replace(
-                plain.options, windows=one.options.windows, patience=one.options.patience
-            )
-            assert one.learning == dataclasses.replace(plain.learning, seed=seed, doubling=False)
+    seeds = [(name, seed) for name in PUBLISHED for seed in (1, 2) if f"{name}_{seed}" in more.compare]
+    assert {name for name, seed in seeds if seed == 1} == set(PUBLISHED)
+    for name, seed in seeds:
+        one, plain = more.method(f"{name}_{seed}"), real.method(name)
+        assert one.options == dataclasses.replace(
+            plain.options, windows=one.options.windows, patience=one.options.patience
+        )
+        assert one.learning == dataclasses.replace(plain.learning, seed=seed, doubling=False)
 
 
 def test_the_full_budget_has_the_windows_and_iterations_of_the_originals(shipped):

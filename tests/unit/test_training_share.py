@@ -50,7 +50,7 @@ def test_the_curves_are_the_mean_errors_of_each_share(layout, figures):
             assert one["horizon_s"].tolist() == [2, 4, 6, 8, 10, 12]
             np.testing.assert_allclose(one["ade_m"], 3 * m / share, rtol=1e-5)
     panels = [ax for ax in figures[0].axes if ax.axison]
-    assert [ax.get_title(loc="left") for ax in panels] == ["Hall: 4 s (n = 5)", "Hall: 12 s (n = 5)"]
+    assert [ax.get_title(loc="left") for ax in panels] == ["Hall\n4 s (n = 5)", "Hall\n12 s (n = 5)"]
     for panel in panels:
         curves = [line.get_xydata() for line in panel.lines]
         np.testing.assert_allclose(curves[0], [[10, 30], [25, 12], [100, 3]], rtol=1e-5)
@@ -63,7 +63,7 @@ def test_datasets_have_a_row_each_with_their_own_horizons(layout, figures):
         study(layout, dataset, errors_of)
     draw(layout, [HALL, YARD], hall=[2, 4, 8, 12], yard=[4])
     titles = [ax.get_title(loc="left") for ax in figures[0].axes if ax.axison]
-    assert titles == ["Hall: 4 s (n = 5)", "Hall: 8 s (n = 5)", "Hall: 12 s (n = 5)", "Yard: 4 s (n = 5)"]
+    assert titles == ["Hall\n4 s (n = 5)", "Hall\n8 s (n = 5)", "Hall\n12 s (n = 5)", "Yard\n4 s (n = 5)"]
     assert figures[0]._suptitle.get_text().startswith("Demo data")
 
 
@@ -72,11 +72,11 @@ def test_a_share_study_of_nobody_is_drawn_empty(layout, figures):
     study(layout, HALL, lambda dataset, _: score_recording(empty_tracks(), [], "day", dataset))
     assert len(draw(layout, [HALL], hall=[4, 12])) == 0
     titles = [ax.get_title(loc="left") for ax in figures[0].axes if ax.axison]
-    assert titles == ["Hall: 4 s (n = 0)", "Hall: 12 s (n = 0)"]
+    assert titles == ["Hall\n4 s (n = 0)", "Hall\n12 s (n = 0)"]
 
 
 def test_a_horizon_that_no_track_reaches_has_no_curve(layout, figures):
     study(layout, HALL, lambda dataset, aside: errors_of(dataset, aside, rows=4 + 3))
     draw(layout, [HALL], hall=[4, 12])
     titles = [ax.get_title(loc="left") for ax in figures[0].axes if ax.axison]
-    assert titles == ["Hall: 4 s (n = 5)", "Hall: 12 s (n = 0)"]
+    assert titles == ["Hall\n4 s (n = 5)", "Hall\n12 s (n = 0)"]

@@ -13,14 +13,13 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t
 
-from modlhmp.api import Map
 from modlhmp.forecasting.base import Forecaster
 from modlhmp.forecasting.observe import Observed
 from modlhmp.forecasting.occupancy import occupancy
 from modlhmp.kinds import find
 from modlhmp.logs import progress
 from modlhmp.maps.base import lattice_box
-from modlhmp.methods import Method, build_map, forecaster_of
+from modlhmp.methods import Method, build_map, forecaster_of, model_of
 from modlhmp.site import Site
 from modlhmp.splits import BLOCK_S, FOLDS, in_part
 from modlhmp.streams import stream_keys
@@ -159,8 +158,8 @@ def forecaster_on(tracks: Tracks, site: Site, method: Method, buildings: Mapping
     kind, exits = find(method.kind), None
     if kind.sampled and method.options.exits:
         exits, _ = build_map("exits", tracks, site, buildings["exits"])
-    a_map = Map(kind.name, site, *build_map(kind.name, tracks, site, buildings[kind.name]))
-    return forecaster_of(kind, a_map.model(method.options), site, method.options, exits)
+    tables = build_map(kind.name, tracks, site, buildings[kind.name])
+    return forecaster_of(kind, model_of(kind.name, *tables, site, method.options), site, method.options, exits)
 
 
 class _Found:

@@ -8,6 +8,7 @@ from matplotlib.artist import Artist
 
 from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import style
 from modlhmp.study.layout import Layout
 from modlhmp.study.occupied import CLOSE, ENOUGH, reliability_of
@@ -56,7 +57,7 @@ def draw(
 
 def _panel(ax, table, titles, title):
     if table.empty:
-        style.empty_panel(ax, f"{title}\nnobody was there")
+        style.empty_panel(ax, f"{title}\n{lacks.NOBODY}")
         return
     ends = np.array([0.0, 1.0])
     ax.fill_between(ends, ends - CLOSE, ends + CLOSE, **NEAR)

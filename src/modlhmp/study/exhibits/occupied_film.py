@@ -6,6 +6,7 @@ from matplotlib.lines import Line2D
 
 from modlhmp.datasets import Dataset
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.layout import Layout
 from modlhmp.study.occupied import CELL_M, FILM
@@ -22,7 +23,7 @@ def draw(layout: Layout, dataset: Dataset, stem: str, title: str) -> None:
     table = read_parquet(layout.occupied(dataset.name, "film")).to_pandas()
     if table.empty:
         fig, ((ax,),) = style.figure(1, 1)
-        style.empty_panel(ax, f"{dataset.title}\nnobody was there")
+        style.empty_panel(ax, f"{dataset.title}\n{lacks.NOBODY}")
         style.save(fig, stem, table, dataset.demo)
         return
     wanted = [max(round(share * dataset.steps), 1) * dataset.time_step_s for share in FILM]

@@ -281,6 +281,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "that was occupied. Everyone is forecast at moments of whole days, with maps of people who were not recorded "
         "within ten minutes of them. Above the diagonal more cells were occupied than announced.",
         asks=_occupied_asks,
+        lacks=(lacks.NOBODY,),
         **_occupied("bins"),
     ),
     Exhibit(
@@ -296,6 +297,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
             "later is not shown."
         ),
         asks=lambda plan, datasets: {"title": _filmed(plan)},
+        lacks=(lacks.NOBODY,),
         needs=lambda plan, datasets: [
             *(plan.layout.occupied(one.name, "film") for one in datasets),
             *_floor_plans(datasets),
