@@ -10,7 +10,7 @@ export MODLHMP_CACHE_DIR ?= $(CURDIR)/.cache/kernels
 export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
 export PYTHONHASHSEED ?= 0
 
-.PHONY: help environment reproduce test test-full lint lock bench paper-size results certify verify \
+.PHONY: help environment reproduce test test-full torture lint lock bench paper-size results certify verify \
     settings clean
 
 help:                     ## this list
@@ -37,10 +37,14 @@ reproduce: environment    ## demo recordings -> every table and figure
 	$(BIN)/snakemake --cores $(CORES)
 
 test: environment lint    ## lint, unit, reference, fault and workflow tests
-	$(BIN)/python -m pytest -n $(CORES) -m "not full"
+	$(BIN)/python -m pytest -n $(CORES) -m "not full and not torture"
 
 test-full: environment lint  ## the same and the long checks
-	$(BIN)/python -m pytest -n $(CORES)
+	$(BIN)/python -m pytest -n $(CORES) -m "not torture"
+
+torture: environment      ## hours of faults: 50 kills, many damaged inputs, the same run on other terms (docs/trust.md)
+	$(BIN)/python -m pytest -m torture
+	$(BIN)/python tests/torture/determinism.py
 
 lint: environment         ## ruff, mypy, snakefmt, snakemake --lint
 	$(BIN)/ruff check .

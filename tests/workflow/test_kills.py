@@ -5,18 +5,20 @@ import random
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from project import Project
+
+from modlhmp.study.certificate import outputs
+from modlhmp.study.layout import Layout
 
 TINY = ("--configfile", "config/tiny.yaml")
 TARGETS = [f"results/tiny/demo_hall/errors/{method}.parquet" for method in ("tc_cliff", "snippets", "cvm")]
 
 
-def killed(project, jobs, after_s):
-    """A run of `TARGETS` of which every process is killed so many seconds after so many jobs have ended."""
-    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--rerun-incomplete", *TINY, "--", *TARGETS]
+def killed(project, targets, jobs, after_s):
+    """A run of some targets of which every process is killed so many seconds after so many jobs have ended."""
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", "--rerun-incomplete", *TINY, "--", *targets]
     with subprocess.Popen(
         command, cwd=project.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
     ) as run:
@@ -34,22 +36,18 @@ def killed(project, jobs, after_s):
     assert ended is None, "the run was over before it was killed"
 
 
-def left(folder, pattern="*"):
-    """Bytes of a run's files but for logs and timings, by name."""
-    files = (path for path in Path(folder).rglob(pattern) if path.is_file())
-    named = {path.relative_to(folder).as_posix(): path for path in files}
-    return {name: path.read_bytes() for name, path in named.items() if not name.startswith(("logs/", "benchmarks/"))}
-
-
-@pytest.mark.parametrize("seed", [0])
-def test_three_kills_leave_the_same_bytes(tiny_run, tmp_path, seed):
+@pytest.mark.parametrize(
+    ("kills", "targets"), [(3, TARGETS), pytest.param(50, ["all"], marks=pytest.mark.torture)], ids=["few", "all"]
+)
+def test_kills_leave_the_same_bytes(tiny_run, tmp_path, kills, targets):
     """As an undisturbed run has, and nothing of theirs stays."""
-    chance, project = random.Random(seed), Project(tmp_path / "killed")
-    for jobs in (1, 3, 2):
-        killed(project, jobs, chance.uniform(0.0, 2.0))
+    chance, project = random.Random(kills), Project(tmp_path / "killed")
+    for _ in range(kills):
+        killed(project, targets, chance.randint(1, 4), chance.uniform(0.0, 2.0))
         project.snakemake("--unlock", *TINY)
-    project.snakemake("--cores", 2, "--rerun-incomplete", *TINY, "--", *TARGETS)
-    undisturbed, found = left(tiny_run.folder / "results/tiny"), left(project.folder / "results/tiny")
-    assert {target.removeprefix("results/tiny/") for target in TARGETS} <= found.keys()
-    assert [name for name, content in found.items() if content != undisturbed.get(name)] == []
-    assert left(project.folder, "*.part") == {}
+    project.snakemake("--cores", 2, "--rerun-incomplete", *TINY, "--", *targets)
+    undisturbed, found = (outputs(Layout("tiny", str(one.folder))) for one in (tiny_run, project))
+    assert {name for name, digest in found.items() if digest != undisturbed.get(name)} == set()
+    assert found.keys() >= set(TARGETS)
+    assert targets != ["all"] or found.keys() == undisturbed.keys()
+    assert list(project.folder.rglob("*.part")) == []

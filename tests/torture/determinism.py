@@ -1,0 +1,145 @@
+"""Are a run's bytes the same whatever should not matter? One run of the tiny demo for each thing that is varied.
+
+    .venv/bin/python tests/torture/determinism.py        # some minutes a row; `make torture` calls it
+
+Prints a row for each: how many outputs of the certificate are the same bytes as those of the first run, and how far
+numbers of the others are apart. Status 1 where an output differs that should not.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from modlhmp.storage import read_json
+from modlhmp.study.certificate import differences
+
+ROOT = Path(__file__).parents[2]
+TINY = ("--configfile", "config/tiny.yaml")
+CERTIFICATE = "results/tiny/certificate.json"
+
+
+class Varied(NamedTuple):
+    """What is varied: `alike` says whether every byte has to be the same."""
+
+    cores: int = 2
+    folder: str = "run"
+    environment: Mapping[str, str] = {}
+    umask: int = -1
+    user: str | None = None
+    again: bool = False
+    alike: bool = True
+
+
+ROWS = {
+    "1 core": Varied(cores=1),
+    "3 cores": Varied(cores=3),
+    "another path, with a blank and an umlaut": Varied(folder="a bläd run"),
+    "umask 077": Varied(umask=0o077),
+    "another user": Varied(user="nobody"),
+    "another locale, time zone and hash seed": Varied(
+        environment={"LC_ALL": "C", "LANG": "C", "TZ": "Asia/Tokyo", "PYTHONHASHSEED": "7"}
+    ),
+    "every rule anew, one at a time": Varied(again=True),
+    "numpy without vector instructions": Varied(
+        environment={"NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512_SKX"}, alike=False
+    ),
+    "kernels for any processor": Varied(environment={"NUMBA_CPU_NAME": "generic"}, alike=False),
+}
+
+
+def made(folder: Path, how: Varied) -> dict[str, Any]:
+    """The certificate of a run in a folder of its own."""
+    folder.mkdir(parents=True)
+    for name in ("workflow", "config", "profiles"):
+        shutil.copytree(ROOT / name, folder / name)
+    shutil.copy(ROOT / "Snakefile", folder)
+    if how.user:
+        for path in (folder, *folder.rglob("*")):
+            shutil.chown(path, how.user)
+    _snakemake(folder, how, "--cores", how.cores, *TINY, "certify")
+    if how.again:
+        for rule in sorted(_rules(folder)):
+            _snakemake(folder, how, "--cores", how.cores, *TINY, "--forcerun", rule, "--", "certify")
+    return read_json(folder / CERTIFICATE)
+
+
+def _rules(folder: Path) -> set[str]:
+    """Rules that have made something in a run, by their logs."""
+    return {path.relative_to(folder / "results/tiny/logs").parts[0].removesuffix(".log")
+            for path in (folder / "results/tiny/logs").rglob("*.log")}  # fmt: skip
+
+
+def _snakemake(folder: Path, how: Varied, *arguments: object) -> None:
+    environment = {**os.environ, "PYTHONHASHSEED": "0", **how.environment}
+    environment |= {
+        "MODLHMP_CACHE_DIR": str(folder / ".cache/kernels"),
+        "MPLCONFIGDIR": str(folder / ".cache/matplotlib"),
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "snakemake", *map(str, arguments)], cwd=folder, env=environment, user=how.user,
+        umask=how.umask, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+    )  # fmt: skip
+    if done.returncode:
+        sys.exit(f"{folder}: {done.stdout[-3000:]}")
+
+
+def apart(one: Path, other: Path) -> float:
+    """The largest difference of numbers of two Parquet files, of their size; infinite where texts or forms differ."""
+    ours, theirs = pq.read_table(one), pq.read_table(other)
+    if ours.schema.names != theirs.schema.names or len(ours) != len(theirs):
+        return np.inf
+    most = 0.0
+    for name in ours.schema.names:
+        a, b = (_numbers(table[name]) for table in (ours, theirs))
+        if a is None or b is None:
+            most = max(most, 0.0 if ours[name].equals(theirs[name]) else np.inf)
+        elif a.shape != b.shape or (np.isnan(a) != np.isnan(b)).any():
+            return np.inf
+        elif len(a):
+            most = max(most, float(np.nanmax(np.abs(a - b) / np.maximum(np.abs(b), 1.0), initial=0.0)))
+    return most
+
+
+def _numbers(column: pa.ChunkedArray) -> np.ndarray | None:
+    values = column.combine_chunks()
+    while pa.types.is_nested(values.type) and not pa.types.is_struct(values.type):
+        values = values.flatten()
+    known = pa.types.is_integer(values.type) or pa.types.is_floating(values.type)
+    return values.to_numpy(zero_copy_only=False).astype(float) if known else None
+
+
+def main(rows: Mapping[str, Varied] = ROWS, tell: Callable[[str], None] = print) -> int:
+    """Print the table; 1 where a row that has to be alike is not."""
+    wrong = 0
+    with tempfile.TemporaryDirectory() as root:
+        os.chmod(root, 0o755)  # another user has to get in
+        first = made(Path(root, "first/run"), Varied())
+        tell(f"| varied | same bytes, of {len(first['outputs'])} outputs | others: numbers at most apart | files |")
+        tell("|---|---|---|---|")
+        for number, (name, how) in enumerate(rows.items()):
+            if how.user and os.geteuid():
+                tell(f"| {name} | needs root | | |")
+                continue
+            folder = Path(root, str(number), how.folder)
+            other = made(folder, how)
+            lines = differences(first, other).get("outputs", [])
+            files = [line.split(": ")[0] for line in lines]
+            tables = [file for file in files if file.endswith(".parquet")]
+            far = max((apart(Path(root, "first/run", one), folder / one) for one in tables), default=0.0)
+            tell(f"| {name} | {len(first['outputs']) - len(files)} | {far:.1e} | {', '.join(files[:4])} |")
+            wrong |= how.alike and bool(files)
+            shutil.rmtree(folder)
+    return int(wrong)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
