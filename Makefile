@@ -9,7 +9,7 @@ export MODLHMP_CACHE_DIR ?= $(CURDIR)/.cache/kernels
 export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
 export PYTHONHASHSEED ?= 0
 
-.PHONY: help environment reproduce test test-full lint lock bench paper-size results settings clean
+.PHONY: help environment reproduce test test-full lint lock bench paper-size results settings unlock clean
 
 help:                     ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -57,6 +57,9 @@ results: environment     ## the real runs (MODLHMP_DATA) -> docs/numbers.json an
 
 settings: environment    ## schemas and the tables of config/README.md, from the typed settings
 	$(BIN)/python -m modlhmp.study.describe
+
+unlock: environment      ## remove the lock that a killed run has left, if no run is at work
+	$(BIN)/python -m modlhmp.study.running
 
 bench: environment        ## speed and memory, as ratios in one run -> results/bench.json
 	$(BIN)/python benchmarks/run.py
