@@ -11,7 +11,7 @@ export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
 export PYTHONHASHSEED ?= 0
 
 .PHONY: help environment reproduce test test-full torture lint lock bench paper-size results certify verify \
-    settings clean
+    settings unlock clean
 
 help:                     ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -69,6 +69,9 @@ verify: environment      ## whether RUN's files are still those, and those of AG
 
 settings: environment    ## schemas and the tables of config/README.md, from the typed settings
 	$(BIN)/python -m modlhmp.study.describe
+
+unlock: environment      ## remove the lock that a killed run has left, if no run is at work
+	$(BIN)/python -m modlhmp.study.running
 
 bench: environment        ## speed and memory, as ratios in one run -> results/bench.json
 	$(BIN)/python benchmarks/run.py

@@ -14,8 +14,9 @@ So kernels have a cache of their own, which leaves numba's settings and other pa
   folder ($XDG_CACHE_HOME or ~/.cache), else, where that may not be written to, in `modlhmp-<user id>` with the
   temporary files. Entries are pickles, and who writes one can run code in whatever process loads it, so a folder is
   used only if it belongs to the user and others may not write to it.
-* Without any folder, or with sources that changed since the process began, kernels are compiled without a cache, and a
-  warning says so. A function without a source file (typed into an interpreter or notebook) never has one.
+* Without any folder, with sources that changed since the process began, or while another process holds a kernel for
+  minutes (it was stopped, perhaps), kernels are compiled without a cache, and a warning says so. A function without a
+  source file (typed into an interpreter or notebook) never has one.
 """
 
 import contextlib
@@ -44,6 +45,8 @@ _IMPORT = re.compile(
     r"^[ \t]*(?:import[ \t]+([^\n#;]+)|from[ \t]*(\.*)([\w.]*)[ \t]*import\b[ \t]*(\((?:[^)#]|#[^\n]*)*\)|[^\n#;]+))",
     re.MULTILINE,
 )
+TELL_AFTER_S, WAIT_AT_MOST_S = 10.0, 300.0  # for a kernel that another process compiles, which takes seconds
+_POLL_S = 0.02
 _warned: list[str] = []
 
 
@@ -83,11 +86,42 @@ def _open_cache(function, file, module, held):
             cache = _Cache(function, _Locator(function, file, folder, version))
             lock = os.open(cache.lock, os.O_RDWR | os.O_CREAT, 0o600)
             held.callback(os.close, lock)
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            return cache
+            if _take(cache.lock, lock):
+                return cache
     except OSError as error:
         _warn(f"{error}: kernels are compiled without a cache; {_REMEDY}")
     return NullCache()
+
+
+def _take(path, lock):
+    """Lock an open file for this process, which then stands in it; False where another one keeps it for too long."""
+    began, told = time.monotonic(), False
+    while True:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            waited = time.monotonic() - began
+        else:
+            with contextlib.suppress(OSError):  # a full disk: then nobody can say who it is
+                os.ftruncate(lock, 0)
+                os.pwrite(lock, b"%d" % os.getpid(), 0)
+            return True
+        if waited > WAIT_AT_MOST_S:
+            _warn(f"{_holder(path)} for too long: kernels are compiled without the cache")
+            return False
+        if waited > TELL_AFTER_S and not told:
+            told = True
+            remedy = "continue or end it if it was stopped"
+            warnings.warn(f"{_holder(path)}; waiting for it. {remedy}", RuntimeWarning, stacklevel=2)
+        time.sleep(_POLL_S)
+
+
+def _holder(path):
+    """Who has locked a file, as a text that a message begins with."""
+    with contextlib.suppress(OSError, ValueError):
+        holder, age = int(path.read_text()), time.time() - path.stat().st_mtime
+        return f"process {holder} has held {path} for {age:.0f} s"
+    return f"a process has held {path}"
 
 
 class _Cache(FunctionCache):

@@ -9,6 +9,7 @@ import yaml
 
 from modlhmp.storage import DataError
 
+_MERGE = "tag:yaml.org,2002:merge"  # <<, of which there may be several
 MOST_CHARACTERS, MOST_VALUES = 1_000_000, 100_000
 
 
@@ -19,8 +20,10 @@ def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
             text = file.read(MOST_CHARACTERS + 1)
         if len(text) > MOST_CHARACTERS:
             raise DataError(f"{path}: more than {MOST_CHARACTERS} characters, which {what} does not need; divide it")
-        if (values := _values_in(yaml.compose(text, yaml.SafeLoader), {})) > MOST_VALUES:
+        written = yaml.compose(text, yaml.SafeLoader)
+        if (values := _values_in(written, {})) > MOST_VALUES:
             raise DataError(f"{path}: stands for {values:.3g} values, by aliases (*) of aliases; write fewer of them")
+        _check_keys(path, written, set())
         listed = _dates_as_text(yaml.safe_load(text))
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror})") from None
@@ -45,6 +48,24 @@ def _values_in(node: yaml.Node | None, known: dict[int, int]) -> int:
         parts = itertools.chain.from_iterable(parts) if isinstance(node, yaml.MappingNode) else parts
         known[id(node)] = 1 + sum(_values_in(part, known) for part in parts)
     return known[id(node)]
+
+
+def _check_keys(path: str | Path, node: yaml.Node | None, seen: set[int]) -> None:
+    """Whether no mapping has a key twice, of which YAML would keep the last one; each node is looked at once."""
+    if not isinstance(node, yaml.CollectionNode) or id(node) in seen:
+        return
+    seen.add(id(node))
+    lines: dict[tuple[str, str], int] = {}
+    for part in node.value:
+        for one in part if isinstance(part, tuple) else (part,):
+            _check_keys(path, one, seen)
+        if isinstance(part, tuple) and isinstance(key := part[0], yaml.ScalarNode) and key.tag != _MERGE:
+            line = key.start_mark.line + 1
+            if before := lines.get((key.tag, key.value)):
+                raise DataError(
+                    f"{path}, line {line}: the key {key.value!r} stands in line {before} already; keep one of the two"
+                )
+            lines[key.tag, key.value] = line
 
 
 def _explained(error: yaml.MarkedYAMLError) -> str:

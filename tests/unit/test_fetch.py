@@ -1,6 +1,7 @@
 """Downloads from a local server that resumes, breaks off, fails and lies; sums recorded and checked."""
 
 import fcntl
+import gzip
 import hashlib
 import os
 import random
@@ -8,19 +9,25 @@ import re
 import subprocess
 import sys
 import threading
+import time
+from email.utils import formatdate
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import SimpleNamespace
 
 import pytest
 
-from modlhmp.storage import DataError
+from modlhmp.file_format import Columns, FileFormat, Recording
+from modlhmp.storage import DataError, write_json
 from modlhmp.study import fetch as fetching
 
 BODY = random.Random(5).randbytes(300_000)
 SUM = hashlib.sha256(BODY).hexdigest()
-HALF = len(BODY) // 2
+SIZE = len(BODY)
+HALF = SIZE // 2
 OLD_DATE, NEW_DATE = "Mon, 01 Jan 2001 00:00:00 GMT", "Fri, 01 Jan 2100 00:00:00 GMT"
+TAG = '"version 1"'
+ROWS = "".join(f"{k}.5,1,{k}.25,2\n" for k in range(20)).encode()
 fetch = partial(fetching.fetch, progress=False)
 
 
@@ -29,7 +36,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def do_GET(self):
         asked = self.headers.get("Range")
-        self.server.seen.append(SimpleNamespace(range=asked, sent=0))
+        self.server.seen.append(SimpleNamespace(range=asked, only=self.headers.get("If-Range"), sent=0))
         getattr(self, self.path.strip("/").split(".")[0])(asked, len(self.server.seen))
 
     def log_message(self, *_):
@@ -44,12 +51,13 @@ class Handler(BaseHTTPRequestHandler):
         self.server.seen[-1].sent = len(body)  # before the write: the client may look as soon as it has the body
         self.wfile.write(body)
 
-    def ranged(self, asked, _, **headers):
+    def ranged(self, asked, _, total=SIZE, **headers):
+        headers = headers or {"ETag": TAG}
         start = int(re.fullmatch(r"bytes=(\d+)-", asked)[1]) if asked else 0
         if start >= len(BODY):
             self.answer(416, Content_Range=f"bytes */{len(BODY)}")
         elif asked:
-            span = f"bytes {start}-{len(BODY) - 1}/{len(BODY)}"
+            span = f"bytes {start}-{len(BODY) - 1}/{total}"
             self.answer(206, BODY[start:], Content_Range=span, **headers)
         else:
             self.answer(200, BODY, **headers)
@@ -57,20 +65,34 @@ class Handler(BaseHTTPRequestHandler):
     def dated(self, asked, nth):
         self.ranged(asked, nth, Last_Modified=OLD_DATE)
 
-    def changed(self, asked, nth):
+    def other_tag(self, asked, nth):
+        self.ranged(asked, nth, ETag='"version 2"')
+
+    def other_date(self, asked, nth):
         self.ranged(asked, nth, Last_Modified=NEW_DATE)
+
+    def without_tag(self, asked, nth):
+        self.ranged(asked, nth, Server="none")
+
+    def other_total(self, asked, nth):
+        self.ranged(asked, nth, total=len(BODY) + 7 if asked else len(BODY), ETag=TAG)
+
+    def compliant(self, asked, nth):
+        self.ranged(None if self.headers.get("If-Range") != '"version 2"' else asked, nth, ETag='"version 2"')
 
     def plain(self, *_):
         self.answer(200, BODY)
 
     def breaks_once(self, asked, nth):
         if nth == 1:
-            self.answer(200, BODY[:HALF], length=len(BODY))
+            self.answer(200, BODY[:HALF], length=len(BODY), ETag=TAG)
         else:
             self.ranged(asked, nth)
 
-    def breaks(self, *_):
-        self.answer(200, BODY[:HALF], length=len(BODY))
+    def breaks(self, asked, nth):
+        if self.server.whole:
+            return self.ranged(asked, nth)
+        return self.answer(200, BODY[:HALF], length=len(BODY), ETag=TAG)
 
     def chunks_break_once(self, asked, nth):
         if nth > 1:
@@ -79,6 +101,7 @@ class Handler(BaseHTTPRequestHandler):
         self.close_connection = True
         self.send_response(200)
         self.send_header("Transfer-Encoding", "chunked")
+        self.send_header("ETag", TAG)
         self.end_headers()
         return self.wfile.write(b"%x\r\n" % len(BODY) + BODY[:HALF])
 
@@ -112,11 +135,40 @@ class Handler(BaseHTTPRequestHandler):
     def empty(self, *_):
         self.answer(200)
 
+    def nothing(self, *_):
+        self.send_response(200)
+        self.end_headers()
+
+    def until_closed(self, *_):
+        self.send_response(200)
+        self.end_headers()
+        self.wfile.write(BODY[:HALF])
+
+    def partial(self, *_):
+        self.answer(206, BODY[:HALF], Content_Range=f"bytes 0-{HALF - 1}/{len(BODY)}")
+
+    def other_status(self, *_):
+        self.answer(203, BODY)
+
+    def packed(self, *_):
+        self.answer(200, gzip.compress(ROWS), Content_Encoding="gzip", Content_Type="text/csv")
+
+    def login(self, *_):
+        self.answer(200, b"<!doctype html><html><body>Please log in, 1, 2, 3\n</body></html>\n" * 50)
+
+    def rows(self, *_):
+        self.answer(200, ROWS)
+
+    def busy_once(self, asked, nth):
+        if nth > 1:
+            return self.ranged(asked, nth)
+        return self.answer(self.server.status, Retry_After=self.server.after)
+
 
 @pytest.fixture
 def server():
     server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    server.seen, server.stop = [], threading.Event()
+    server.seen, server.stop, server.whole = [], threading.Event(), False
     server.at = lambda behaviour: f"http://127.0.0.1:{server.server_port}/{behaviour}.csv"
     thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
     thread.start()
@@ -146,6 +198,22 @@ def part(path):
     return path.with_name("day.csv.part")
 
 
+def leave(part, content, address, validator=TAG, total=SIZE):
+    """An interrupted download, and what is known of its version."""
+    part.write_bytes(content)
+    write_json(note_of(part), {"url": address, "validator": validator, "total": total})
+
+
+def note_of(part):
+    return part.with_name(part.name + ".json")
+
+
+def read(path):
+    """Read rows of t, id, x, y."""
+    form = FileFormat(columns=Columns(t=0, track_id=1, x=2, y=3))
+    fetching.read_as(path, form, [Recording()])
+
+
 def files(path):
     return sorted(file.name for file in path.parent.iterdir())
 
@@ -168,32 +236,59 @@ def test_present_file_is_checked_not_replaced(server, path, part):
     assert server.seen == []
 
 
-@pytest.mark.parametrize("behaviour", ["ranged", "dated"])
-def test_resume_sends_only_the_rest(server, path, part, behaviour):
-    part.write_bytes(BODY[:HALF])
+@pytest.mark.parametrize(("behaviour", "validator"), [("ranged", TAG), ("dated", OLD_DATE)])
+def test_resume_sends_only_the_rest(server, path, part, behaviour, validator):
+    leave(part, BODY[:HALF], server.at(behaviour), validator)
     fetch(server.at(behaviour), path, sha256=SUM.upper())
     assert path.read_bytes() == BODY
-    assert [(one.range, one.sent) for one in server.seen] == [(f"bytes={HALF}-", len(BODY) - HALF)]
+    (seen,) = server.seen
+    assert (seen.range, seen.only, seen.sent) == (f"bytes={HALF}-", validator, len(BODY) - HALF)
     assert files(path) == ["day.csv"]
 
 
-@pytest.mark.parametrize("behaviour", ["plain", "changed", "wrong_place"])
-def test_part_that_the_server_does_not_continue_is_replaced(server, path, part, behaviour):
-    part.write_bytes(b"x" * HALF)
+@pytest.mark.parametrize(
+    "behaviour", ["plain", "other_tag", "other_date", "without_tag", "other_total", "wrong_place", "compliant"]
+)
+def test_part_is_never_put_before_what_may_be_another_version(server, path, part, behaviour):
+    leave(part, b"x" * HALF, server.at(behaviour))
     fetch(server.at(behaviour), path, retries=0)
     assert path.read_bytes() == BODY
     assert server.seen[0].range == f"bytes={HALF}-"
 
 
+@pytest.mark.parametrize("lacks", ["note", "validator", "address", "whole note"])
+def test_part_of_an_unknown_version_is_begun_anew(server, path, part, lacks):
+    other = "http://127.0.0.1/day.csv" if lacks == "address" else server.at("ranged")
+    leave(part, b"x" * HALF, other, None if lacks == "validator" else TAG)
+    if lacks == "note":
+        note_of(part).unlink()
+    elif lacks == "whole note":
+        note_of(part).write_bytes(note_of(part).read_bytes()[:-9])
+    fetch(server.at("ranged"), path, retries=0)
+    assert path.read_bytes() == BODY
+    assert [one.range for one in server.seen] == [None]
+
+
+@pytest.mark.parametrize("behaviour", ["weak", "young"])
+def test_what_two_versions_may_have_in_common_continues_nothing(server, path, behaviour, monkeypatch):
+    """A weak ETag, and a date of the second in which the file was sent."""
+    headers = {"ETag": f"W/{TAG}"} if behaviour == "weak" else {"Last_Modified": formatdate(time.time() + 5)}
+    monkeypatch.setattr(Handler, "breaks", lambda self, *_: self.answer(200, BODY[:HALF], len(BODY), **headers))
+    with pytest.raises(DataError):
+        fetch(server.at("breaks"), path, retries=1)
+    assert [one.range for one in server.seen] == [None, None]
+
+
 def test_complete_part_is_only_checked(server, path, part):
-    part.write_bytes(BODY)
+    leave(part, BODY, server.at("ranged"))
     fetch(server.at("ranged"), path, sha256=SUM)
     assert path.read_bytes() == BODY
-    assert [one.sent for one in server.seen] == [0]
+    assert server.seen == []
+    assert files(path) == ["day.csv"]
 
 
 def test_too_long_part_is_replaced(server, path, part):
-    part.write_bytes(BODY + b"more")
+    leave(part, BODY + b"more", server.at("ranged"))
     fetch(server.at("ranged"), path, retries=0)
     assert path.read_bytes() == BODY
     assert [one.range for one in server.seen] == [f"bytes={len(BODY) + 4}-", None]
@@ -231,9 +326,11 @@ def test_retries_end(server, path, pauses):
 def test_part_outlives_failure(server, path):
     with pytest.raises(DataError, match=f"ended after {HALF} of {len(BODY)} bytes"):
         fetch(server.at("breaks"), path, retries=0)
-    assert files(path) == ["day.csv.part"]
-    fetch(server.at("ranged"), path, sha256=SUM)
+    assert files(path) == ["day.csv.part", "day.csv.part.json"]
+    server.whole = True
+    fetch(server.at("breaks"), path, sha256=SUM)
     assert server.seen[-1].sent == len(BODY) - HALF
+    assert files(path) == ["day.csv"]
 
 
 def test_unreachable_server(server, path):
@@ -256,8 +353,78 @@ def test_unusable_address(path, pauses, url):
     assert (pauses, files(path)) == ([], [])
 
 
-def test_empty_file(server, path):
-    assert fetch(server.at("empty"), path) == hashlib.sha256(b"").hexdigest()
+@pytest.mark.parametrize("behaviour", ["empty", "nothing"])
+@pytest.mark.parametrize("sha256", [None, hashlib.sha256(b"").hexdigest()])
+def test_an_empty_answer_is_no_recording(server, path, behaviour, sha256):
+    """Also where its sum is known: nobody meant it, and a connection that is cut at once looks the same."""
+    with pytest.raises(DataError, match=r"day\.csv: .*(sent nothing|does not say how long it is)"):
+        fetch(server.at(behaviour), path, sha256=sha256, retries=1)
+    assert files(path) == []
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "match"),
+    [
+        ("partial", "answered 206 to a request for the whole file"),
+        ("other_status", "answered 203 to a request for the whole file"),
+        ("until_closed", "does not say how long it is, .* give its sha256"),
+        ("packed", r"packed \(gzip\)"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused(server, path, tmp_path, pauses, behaviour, match):
+    with pytest.raises(DataError, match=match):
+        fetch(server.at(behaviour), path, sums=tmp_path / "sums.txt", read=read)
+    assert (files(path), pauses, (tmp_path / "sums.txt").exists()) == ([], [], False)
+
+
+def test_a_known_sum_judges_what_has_no_length(server, path):
+    half = hashlib.sha256(BODY[:HALF]).hexdigest()
+    assert fetch(server.at("until_closed"), path, sha256=half) == half
+    with pytest.raises(DataError, match="expected SHA-256"):
+        fetch(server.at("until_closed"), path.with_name("other.csv"), sha256=SUM)
+
+
+def test_a_packed_file_that_is_asked_for_stays_packed(server, path):
+    """Servers name the packing of a .gz as if it were the connection's."""
+    path = path.with_name("day.csv.gz")
+    fetch(server.at("packed"), path, read=read)
+    assert gzip.decompress(path.read_bytes()) == ROWS
+
+
+def test_a_page_to_log_in_is_no_recording(server, path, tmp_path):
+    sums = tmp_path / "sums.txt"
+    with pytest.raises(
+        DataError, match=r"day\.csv: what .*login\.csv sends is not .*day\.csv: no usable row.*a page to log in"
+    ):
+        fetch(server.at("login"), path, sums=sums, read=read)
+    assert (files(path), sums.exists()) == ([], False)
+    fetch(server.at("rows"), path, sums=sums, read=read)
+    assert sums.read_text().split() == [hashlib.sha256(ROWS).hexdigest(), "site/day.csv"]
+
+
+def test_a_known_sum_says_more_than_reading(server, path):
+    def unread(path):
+        raise AssertionError(path)
+
+    fetch(server.at("plain"), path, sha256=SUM, read=unread)
+    assert path.read_bytes() == BODY
+
+
+@pytest.mark.parametrize("status", [429, 503, 500])
+@pytest.mark.parametrize(
+    ("after", "pause"),
+    [("7", 7), ("0", 0), ("soon", 1), ("-5", 1), (formatdate(time.time() + 3600), None), ("9" * 5000, None),
+     ("Mon, 01 Jan 2001 00:00:00 GMT", 0), ("Mon, 99 Foo 99999999999 00:00:00 GMT", 1)],
+)  # fmt: skip
+def test_a_server_names_its_own_delay(server, path, pauses, status, after, pause):
+    server.status, server.after = status, after
+    if pause is None:
+        with pytest.raises(DataError, match=rf"{status}.*asks to be left alone for (3\d{{3}}|inf) s; run again then"):
+            fetch(server.at("busy_once"), path)
+        assert (len(server.seen), pauses) == (1, [])
+    else:
+        fetch(server.at("busy_once"), path)
+        assert (path.read_bytes() == BODY, pauses) == (True, [pause])
 
 
 def test_wrong_sum_leaves_nothing(server, path, tmp_path):
@@ -317,8 +484,8 @@ def test_record_keeps_other_lines_and_sha256sum_reads_it(path, part, tmp_path):
     path.write_bytes(BODY)
     sums = tmp_path / "sums.txt"
     sums.write_text(f"{SUM.upper()} *by hand\n\n{'a' * 64}  other")
-    fetching.check_sum(path, "by hand", sums=sums)
-    fetching.check_sum(path, "site/day.csv", sums=sums)
+    for name in ("by hand", "site/day.csv"):
+        fetching.record_sum(fetching.check_sum(path, name, sums=sums), name, sums)
     assert sums.read_text() == f"{SUM.upper()} *by hand\n\n{'a' * 64}  other\n{SUM}  site/day.csv\n"
 
 
@@ -332,18 +499,17 @@ def test_damaged_record_names_the_line(path, part, tmp_path):
 
 def test_known_sum_needs_no_writable_folder(path, part, tmp_path):
     path.write_bytes(BODY)
-    fetching.check_sum(path, sums=tmp_path / "sums.txt")
+    fetching.record_sum(SUM, "site/day.csv", tmp_path / "sums.txt")
     (tmp_path / ".sums.txt.lock").unlink()
-    fetching.check_sum(path, sums=tmp_path / "sums.txt")
+    fetching.record_sum(SUM, "site/day.csv", tmp_path / "sums.txt")
     assert not (tmp_path / ".sums.txt.lock").exists()
 
 
 def test_recording_from_several_processes_keeps_all_lines(tmp_path):
-    (tmp_path / "day.csv").write_bytes(BODY[:100])
     program = (
-        "import sys; from modlhmp.study.fetch import check_sum\n"
+        "import sys; from modlhmp.study.fetch import record_sum\n"
         "print('ready', flush=True); sys.stdin.readline()\n"
-        "for i in range(40): check_sum('day.csv', f'{sys.argv[1]}/{i}', sums='sums.txt')"
+        "for i in range(40): record_sum('0' * 64, f'{sys.argv[1]}/{i}', 'sums.txt')"
     )
     workers = [
         subprocess.Popen(
@@ -365,8 +531,7 @@ def test_recording_from_several_processes_keeps_all_lines(tmp_path):
         worker.communicate(timeout=20)
         assert worker.returncode == 0
     lines = (tmp_path / "sums.txt").read_text().splitlines()
-    expected = hashlib.sha256(BODY[:100]).hexdigest()
-    assert sorted(lines) == sorted(f"{expected}  {i}/{k}" for i in range(4) for k in range(40))
+    assert sorted(lines) == sorted(f"{'0' * 64}  {i}/{k}" for i in range(4) for k in range(40))
 
 
 def test_missing_message(path):

@@ -4,8 +4,10 @@ Versions and folders are asked of a copy of `kernels.py` in this process; what c
 a package of a few lines around such a copy.
 """
 
+import fcntl
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -412,6 +414,56 @@ def test_types_that_are_compiled_at_once_do_not_take_each_other_s_place(small, t
     assert [job.communicate(timeout=300)[0].split()[1] for job in jobs] == ["1", "1", "1"]
     again = [start(small, tmp_path / "cache", code) for code in calls]
     assert [job.communicate(timeout=300)[0].split()[1] for job in again] == ["0", "0", "0"]
+
+
+@pytest.fixture
+def stopped(tmp_path):
+    """A kernel's lock that a process holds which was stopped, and that process."""
+    path = tmp_path / "call.lock"
+    code = (
+        "import os, signal, sys; from pathlib import Path; from modlhmp import kernels\n"
+        "lock = os.open(sys.argv[1], os.O_RDWR | os.O_CREAT); kernels._take(Path(sys.argv[1]), lock)\n"
+        "os.kill(os.getpid(), signal.SIGSTOP)"
+    )
+    command = [sys.executable, "-c", code, str(path)]
+    process = subprocess.Popen(command, env={**os.environ, "PYTHONPATH": str(PACKAGE.parent)})
+    while not (path.exists() and path.read_text() and Path(f"/proc/{process.pid}/stat").read_text().split()[2] == "T"):
+        time.sleep(0.01)
+    yield path, process
+    process.kill()
+    process.wait()
+
+
+def test_a_stopped_process_is_named_and_then_not_waited_for(stopped, monkeypatch):
+    path, process = stopped
+    module = cache(PACKAGE)
+    monkeypatch.setattr(module, "TELL_AFTER_S", 0.2)
+    monkeypatch.setattr(module, "WAIT_AT_MOST_S", 0.6)
+    lock = os.open(path, os.O_RDWR)
+    with pytest.warns(RuntimeWarning) as told:
+        assert not module._take(path, lock)
+    waits, ends = (str(one.message) for one in told)
+    assert re.search(rf"process {process.pid} has held .*call\.lock for \d+ s; waiting for it", waits)
+    assert re.search(rf"process {process.pid} has held .* for too long: kernels are compiled without the cache", ends)
+    process.kill()
+    process.wait()
+    assert module._take(path, lock)
+    assert path.read_text() == str(os.getpid())
+    os.close(lock)
+
+
+def test_a_kernel_that_another_process_keeps_is_compiled_all_the_same(small, tmp_path):
+    told, _ = run(small, tmp_path / "cache")
+    locks = [open(path) for path in Path(told[2]).glob("*.lock")]  # noqa: SIM115 - held until the end
+    assert len(locks) == 2
+    for lock in locks:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+    code = f"from modlhmp import kernels; kernels.WAIT_AT_MOST_S = 0.1; {CALL}"
+    told, complaints = run(small, tmp_path / "cache", code)
+    assert told == ["7", "1", "None"]
+    assert complaints.count("Warning: ") == complaints.count("has held") == 1
+    for lock in locks:
+        lock.close()
 
 
 def test_debugging_without_compilation_works(small, tmp_path):

@@ -294,6 +294,12 @@ def test_an_unknown_name_gets_a_hint(config, key, value, message):
         ({"compare": []}, "compare: [] is too short, at least 1 needed"),
         ({"run": 202401}, "run: 202401 is a number, not text; quote it"),
         ({"run": 202401}, "`--config` drops quotes and takes `'run=!!str 2024_01'`"),
+        ({"run": "a\n"}, r"run: 'a\n': a name of letters, digits, _ and - only"),
+        ({"methods": {"a\n": {"kind": "cvm"}}}, r"methods: 'a\n': a name of letters, digits, _ and - only"),
+        (
+            {"methods": {"-a": {"kind": "cvm"}}},
+            "methods: '-a': a name of letters, digits, _ and - only, and no - before",
+        ),
         ({"run": "a/b"}, "run: 'a/b': a name of letters, digits, _ and - only"),
         ({"methods": {"a b": {"kind": "cvm"}}}, "methods: 'a b': a name of letters, digits, _ and - only"),
         ({"methods": {"cliff": {"kind": "clif"}}}, "methods.cliff.kind: no kind named 'clif'; did you mean 'cliff'"),

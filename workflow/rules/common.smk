@@ -4,6 +4,8 @@
 # OUTPUTS  RUN, DATASETS, LAYOUT, PLAN and the small functions below
 # STEPS    check the configuration, load the datasets, constrain the wildcards
 import os
+import re
+import sys
 from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
@@ -14,6 +16,7 @@ from modlhmp.settings import as_plain
 from modlhmp.storage import DataError, file_sha256, remove_leftovers
 from modlhmp.study.claims import claim_horizons
 from modlhmp.study.exhibits import EXHIBITS
+from modlhmp.study import running
 from modlhmp.study.layout import SUMS, Layout
 from modlhmp.study.plan import (
     CLEANING_KEYS,
@@ -40,6 +43,11 @@ except DataError as error:
 PLAN = Plan(RUN, LAYOUT, DATASETS)
 config.update(as_plain(RUN))  # with the defaults, for the report's pages
 
+# Held by every process of a run until it ends, so that `make unlock` knows whether one is at work.
+LOCKED = running.join(os.getcwd())
+if LOCKED and workflow.is_main_process and "--unlock" not in sys.argv:
+    print(LOCKED, file=sys.stderr)
+
 
 onstart:
     remove_leftovers(LAYOUT.results, LAYOUT.exhibits, LAYOUT.demo)
@@ -50,8 +58,8 @@ NO_METHOD = "(?!)"  # a wildcard constraint that nothing matches
 
 
 wildcard_constraints:
-    dataset="|".join(DATASETS),
-    method="|".join(RUN.methods_run),
+    dataset="|".join(map(re.escape, DATASETS)),
+    method="|".join(map(re.escape, RUN.methods_run)),
     recording="[^/]+",
     label="[A-Za-z0-9_-]+",
 

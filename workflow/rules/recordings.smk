@@ -68,14 +68,19 @@ rule fetch_recording:
     wildcard_constraints:
         missing="|".join(map(re.escape, MISSING)) or "nothing_is_missing",
     resources:
-        mem_mb=500,
+        mem_mb=1000,
         runtime=240,
     params:
         file=lambda wildcards: MISSING[wildcards.missing][1],
         dataset=lambda wildcards: PLAN.settings_of(
             MISSING[wildcards.missing][0],
-            ("title", "owner_page", "sources", "floor_plan"),
+            ("title", "owner_page", "sources", "floor_plan", *CLEANING_KEYS),
         ),
+        recordings=lambda wildcards: [
+            as_plain(one)
+            for one in DATASETS[MISSING[wildcards.missing][0]].recordings
+            if one.stored == wildcards.missing
+        ],
         missing=lambda wildcards: sorted(
             file
             for name, file in MISSING.values()

@@ -7,7 +7,7 @@ from modlhmp.file_format import FileFormat, Recording
 from modlhmp.logs import job_log
 from modlhmp.settings import build
 from modlhmp.storage import provenance, unchanged, write_json
-from modlhmp.study.fetch import check_sum
+from modlhmp.study.fetch import check_sum, record_sum
 from modlhmp.tracks import write_tracks
 
 with job_log(snakemake.log[0]) as log:
@@ -19,6 +19,8 @@ with job_log(snakemake.log[0]) as log:
     path = Path(raw, recording.member) if recording.member else str(raw)
     with unchanged(*([raw] if isinstance(raw, str) else raw)) as hashes:
         tracks, account = clean_recording(path, build(FileFormat, params.dataset), recording)
+    if source is not None and not source["sha256"]:  # once it is known to be a recording
+        record_sum(hashes[Path(raw)], recording.file, params.sums)
     scenes = {"scenes": account.pop("scenes")} if "scenes" in account else {}
     log.info("account: %s", account)
     write_json(snakemake.output.account, account)

@@ -4,6 +4,7 @@ import pandas as pd
 
 from modlhmp.logs import job_log, progress
 from modlhmp.storage import write_text
+from modlhmp.study.exhibits.table_forms import csv_text
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import read_errors, summarise
 
@@ -16,4 +17,4 @@ with job_log(snakemake.log[0]) as log:
     ]
     results = pd.concat(tables, ignore_index=True)
     log.info("%d rows", len(results))
-    write_text(snakemake.output[0], results.to_csv(index=False, float_format="%.6g"))
+    write_text(snakemake.output[0], csv_text(results, float_format="%.6g"))

@@ -65,8 +65,10 @@ def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
 def _check_entries(run: RunSettings) -> None:
     """Kinds, options and members of every method."""
     for name, entry in run.entries.items():
-        if not re.fullmatch("[A-Za-z0-9_-]+", name):
-            raise DataError(f"configuration, methods: {name!r}: a name of letters, digits, _ and - only")
+        if not re.fullmatch("[A-Za-z0-9_-]+", name) or name.startswith("-"):
+            raise DataError(
+                f"configuration, methods: {name!r}: a name of letters, digits, _ and - only, and no - before them"
+            )
         known = [kind.name for kind in kinds.all_kinds().values() if kind.is_method]
         if not entry.kind:
             raise DataError(f"configuration, methods.{name}: say of which `kind` it is: {', '.join(known)}")
@@ -271,9 +273,12 @@ def _check_path(where: str, path: str) -> None:
 
 def _check_paths(dataset: Dataset, file: Path) -> None:
     """Whether Snakemake can take the paths of recordings, and ours their names."""
-    for path in (*(one.stored for one in dataset.recordings), *dataset.floor_plan):
+    _check_path(str(file), dataset.name)
+    for path in dataset.floor_plan:
         _check_path(str(file), path)
     for one in dataset.recordings:
+        for path in (one.stored, *one.people, one.name):
+            _check_path(str(file), path)
         if len(one.name.encode()) > MOST_NAME_BYTES:
             raise DataError(
                 f"{file}: recording {one.name!r}: the names of its results would be too long; rename {one.path!r} to "

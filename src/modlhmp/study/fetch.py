@@ -5,7 +5,9 @@ import http.client
 import os
 import re
 import ssl
+import tempfile
 import time
+from collections.abc import Callable, Iterable
 from email.utils import mktime_tz, parsedate_tz
 from pathlib import Path
 from urllib.error import HTTPError, URLError
@@ -13,12 +15,18 @@ from urllib.request import Request, urlopen
 
 from tqdm import tqdm
 
-from modlhmp.storage import DataError, file_sha256, write_text
+from modlhmp.cleaning import source_of
+from modlhmp.file_format import FileFormat, Recording
+from modlhmp.readers import read_recording
+from modlhmp.splits import only_of
+from modlhmp.storage import DataError, file_sha256, read_json, write_json, write_text
 
-BACKOFF = 1.0  # seconds before the first retry, doubled before each further one
+BACKOFF = 1.0  # seconds before the first retry, doubled before each further one, where the server names none
+LONGEST_WAIT = 300.0  # seconds that a server may ask for; a job that sleeps for longer looks as if it had died
 TIMEOUT = 60.0  # seconds without an answer or a byte
 # A plain OSError is not among them: a full disk does not pass.
 _PASSING = (URLError, http.client.HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
+_BY_HAND = "put the file there by hand, or give its sha256 in the dataset file"
 
 
 def fetch(
@@ -29,18 +37,22 @@ def fetch(
     retries: int = 5,
     progress: bool = True,
     name: str | None = None,
+    read: Callable[[Path], object] | None = None,
 ) -> str:
     """Download `url` to `path`, check it as `check_sum` does, and return its SHA-256.
 
-    A file already at `path` is checked, never replaced. An interrupted download stays in `<path>.part`, where
-    the next call continues it. Raises `DataError` if the address is refused (4xx) or unusable, the server
-    fails all `retries` retries, another process is downloading the file, its folder cannot be written to, or the
-    sum differs (the download is then discarded); `OSError` if the disk is full.
+    Without a known sum `read` must be able to read what came, which is then recorded in `sums`: a page to log in is no
+    recording. A file already at `path` is checked, never replaced. An interrupted download stays in `<path>.part`,
+    where the next call continues it if the server still has the same version. Raises `DataError` if the address is
+    refused (4xx) or unusable, the answer cannot be judged (neither length nor sum), the server fails all `retries`
+    retries or asks to come back later, another process is downloading the file, its folder cannot be written to, or
+    the sum differs or `read` fails (the download is then discarded); `OSError` if the disk is full.
     """
     path = Path(path)
     if path.exists():
         return check_sum(path, name, sha256, sums)
     part = path.with_name(path.name + ".part")
+    note = part.with_name(part.name + ".json")  # of which version the part is
     with _opened(part) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -48,19 +60,51 @@ def fetch(
             raise DataError(f"{part}: another process is downloading this file; wait until it has finished") from None
         if path.exists():  # another process has renamed what is open here since the look above
             return check_sum(path, name, sha256, sums)
+        known = _expected(path, name, sha256, sums)[0] is not None
         try:
-            _download(url, file, path, retries, progress)
+            _download(url, file, path, note, known, retries, progress)
         except DataError:
             if not part.stat().st_size:
                 part.unlink()
+                note.unlink(missing_ok=True)
             raise
         try:
             found = _check(part, path, name, sha256, sums, "the download was discarded; run again")
+            if read and not known:
+                _read(read, part, path, url)
         except DataError:
             part.unlink()
+            note.unlink(missing_ok=True)
             raise
         part.replace(path)
+        note.unlink(missing_ok=True)
+    if sums:
+        record_sum(found, name or os.path.relpath(path, Path(sums).parent), sums)
     return found
+
+
+def read_as(path: Path, form: FileFormat, recordings: Iterable[Recording]) -> None:
+    """Read a file as the recordings that it holds; `DataError` where it holds no such thing."""
+    for one in recordings:
+        file = Path(path, one.member) if one.member else path
+        people = Recording(people=(str(file),) if one.people else ())
+        read_recording(source_of(file, form, people), only_of(form, one), one.day, one.start, one.days)
+
+
+def _read(read, part, path, url):
+    """Read a download under its own name, by whose suffix readers know archives."""
+    with tempfile.TemporaryDirectory() as folder:
+        named = Path(folder, path.name)
+        named.symlink_to(part.resolve())
+        try:
+            read(named)
+        except DataError as error:
+            reason = str(error).replace(str(named), path.name)
+            raise DataError(
+                f"{path}: what {url} sends is not what the dataset file says ({reason}); it was discarded. Look at the "
+                "address in a browser: is it a page to log in, or an error? Correct its url or the file's form, or "
+                f"{_BY_HAND}"
+            ) from None
 
 
 def _opened(part):
@@ -78,11 +122,28 @@ def check_sum(
 ) -> str:
     """Check a file against `sha256`, else against its line in the text file `sums`; return its SHA-256.
 
-    A file without a line in `sums` gets one, as sha256sum writes it, under `name` or else under its path
-    relative to the folder of `sums`. Without `sha256` and `sums` nothing is checked. Raises `DataError` if
-    the sum differs or a line of `sums` cannot be read; `OSError` if the file cannot be read or `sums` written.
+    The line is that of `name`, or else of the path relative to the folder of `sums`. Where there is none (`record_sum`)
+    nothing is checked. Raises `DataError` if the sum differs or a line of `sums` cannot be read; `OSError` if the file
+    cannot be read.
     """
     return _check(path, path, name, sha256, sums, f"delete {path} and run again to fetch a fresh copy")
+
+
+def record_sum(found: str, name: str, sums: str | Path) -> None:
+    """Give a file that was read, of SHA-256 `found`, a line in `sums`, as sha256sum writes it; one that it has stays.
+
+    Raises `DataError` if a line cannot be read; `OSError` if `sums` cannot be written.
+    """
+    sums = Path(sums)
+    if name in _read_sums(sums):
+        return
+    sums.parent.mkdir(parents=True, exist_ok=True)
+    with open(sums.with_name(f".{sums.name}.lock"), "a") as lock:  # stays: removing it would let two in
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if name not in _read_sums(sums):
+            text = sums.read_text(encoding="utf-8") if sums.exists() else ""
+            gap = "" if not text or text.endswith("\n") else "\n"
+            write_text(sums, f"{text}{gap}{found}  {name}\n")
 
 
 def missing_message(file: str, expected_path: str | Path, owner_page: str, title: str) -> str:
@@ -97,104 +158,154 @@ def missing_message(file: str, expected_path: str | Path, owner_page: str, title
     )
 
 
-def _download(url, file, path, retries, progress):
+def _download(url, file, path, note, known, retries, progress):
     """Complete the open partial `file`, with retries; raises `DataError` when that fails."""
     for attempt in range(retries + 1):
+        delay = BACKOFF * 2**attempt
         try:
-            return _attempt(url, file, path.name, progress)
+            return _attempt(url, file, path, note, known, progress)
+        except DataError:
+            raise
         except (ValueError, http.client.InvalidURL) as error:
             raise DataError(f"{path}: {url!r} is not a usable address ({error}); correct its url") from None
         except _PASSING as error:
-            if isinstance(error, HTTPError) and error.code < 500:
-                remedy = "correct its url in the dataset file or put the file there by hand"
-                raise DataError(f"{path}: {url} answered {error.code} {error.reason}; {remedy}") from None
+            if isinstance(error, HTTPError):
+                if error.code < 500 and error.code != http.client.TOO_MANY_REQUESTS:
+                    remedy = "correct its url in the dataset file or put the file there by hand"
+                    raise DataError(f"{path}: {url} answered {error.code} {error.reason}; {remedy}") from None
+                delay = _asked_delay(error.headers.get("Retry-After", ""), delay)
             reason = f"{type(error).__name__}: {error}"
+        if delay > LONGEST_WAIT:
+            raise DataError(
+                f"{path}: {url} failed with {reason} and asks to be left alone for {delay:.0f} s; run again then"
+            )
         if attempt < retries:
-            time.sleep(BACKOFF * 2**attempt)
+            time.sleep(delay)
     remedy = "check the network and run again, the download continues where it stopped"
     raise DataError(f"{path}: {url} failed {retries + 1} times, last with {reason}; {remedy}")
 
 
-def _attempt(url, file, label, progress):
+def _asked_delay(text, otherwise):
+    """The seconds of a header Retry-After, which names them or a date; `otherwise` where it names neither."""
+    if text.isascii() and text.isdigit():
+        return float(text)
+    try:
+        return max(mktime_tz(parsedate_tz(text)) - time.time(), 0.0)
+    except (TypeError, ValueError, OverflowError):
+        return otherwise
+
+
+def _attempt(url, file, path, note, known, progress):
     """One request and its body, appended to `file`; raises one of `_PASSING` if the end is not reached."""
-    response = _open(url, file)
+    response = _open(url, file, path, note)
     if response is None:
         return
     size = os.fstat(file.fileno()).st_size
-    length = response.headers.get("Content-Length")
-    total = None if length is None else size + int(length)
-    bar = tqdm(total=total, initial=size, desc=label, disable=not progress, unit="B", unit_scale=True, mininterval=1.0)
+    total = None if response.length is None else size + response.length
+    bar = tqdm(
+        total=total, initial=size, desc=path.name, disable=not progress, unit="B", unit_scale=True, mininterval=1.0
+    )
     with response, bar:
+        if total is None and not (known or response.chunked):
+            raise DataError(
+                f"{path}: {url} does not say how long it is, so a cut connection would pass for its end; {_BY_HAND}"
+            )
         while block := response.read1(1 << 20):  # what has arrived, so that a broken connection loses nothing
             size += file.write(block)
             bar.update(len(block))
     file.flush()
     if total is not None and size != total:
         raise ConnectionError(f"the connection ended after {size} of {total} bytes")
+    if not size:
+        raise ConnectionError("the server sent nothing")
 
 
-def _open(url, file):
+def _open(url, file, path, note):
     """Request what `file` lacks: the response whose body is to be appended, or None if nothing is lacking."""
     file.flush()
-    state = os.fstat(file.fileno())
-    request = Request(url, headers={"User-Agent": "modlhmp"})
-    if not state.st_size:
-        return urlopen(request, timeout=TIMEOUT)
-    request.add_header("Range", f"bytes={state.st_size}-")
+    size = os.fstat(file.fileno()).st_size
+    version = _noted(note, url) if size else {}
+    if size and size == version.get("total"):
+        return None
+    request = Request(url, headers={"User-Agent": "modlhmp", "Accept-Encoding": "identity"})
+    if version.get("validator"):
+        request.add_header("Range", f"bytes={size}-")
+        request.add_header("If-Range", version["validator"])
     try:
         response = urlopen(request, timeout=TIMEOUT)
-        if _continues(response, state):
-            return response
     except HTTPError as error:
-        if error.code != http.client.REQUESTED_RANGE_NOT_SATISFIABLE:
+        if not request.has_header("Range") or error.code != http.client.REQUESTED_RANGE_NOT_SATISFIABLE:
             raise
-        if error.headers.get("Content-Range") == f"bytes */{state.st_size}":
-            return None
         response = error
-    file.truncate(0)
-    if response.status == http.client.OK:
+    if request.has_header("Range") and _continues(response, size, version):
         return response
-    response.close()
-    return _open(url, file)
+    file.truncate(0)  # before the note: a part without one is begun anew
+    note.unlink(missing_ok=True)
+    if response.status != http.client.OK:
+        response.close()
+        if request.has_header("Range"):
+            return _open(url, file, path, note)
+        raise DataError(f"{path}: {url} answered {response.status} to a request for the whole file; {_BY_HAND}")
+    encoding = response.headers.get("Content-Encoding", "identity").lower()
+    if encoding != "identity" and not (encoding in {"gzip", "x-gzip"} and path.suffix == ".gz"):
+        response.close()
+        raise DataError(
+            f"{path}: {url} sends it packed ({encoding}), which was not asked for; put the file there by hand"
+        )
+    write_json(note, {"url": url, "validator": _validator(response.headers), "total": response.length})
+    return response
 
 
-def _continues(response, state):
-    """Whether a response goes on from the partial file: at its end, not changed since."""
-    changed = parsedate_tz(response.headers.get("Last-Modified", ""))
+def _noted(note, url):
+    """What is known of the version that a part is of, nothing where it is not of this address."""
+    try:
+        noted = read_json(note)
+    except DataError:
+        return {}
+    return noted if noted["url"] == url else {}
+
+
+def _validator(headers):
+    """What tells versions of a file apart: its ETag, or else its date if two cannot share it; None if neither does."""
+    etag, changed, sent = (headers.get(key, "") for key in ("ETag", "Last-Modified", "Date"))
+    if etag.startswith('"'):  # not W/"...", which two versions may have
+        return etag
+    try:
+        return changed if mktime_tz(parsedate_tz(sent)) > mktime_tz(parsedate_tz(changed)) else None
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def _continues(response, size, version):
+    """Whether a response goes on from the end of the part, to the end of the same version."""
+    span = re.fullmatch(r"bytes (\d+)-(\d+)/(\d+)", response.headers.get("Content-Range", ""), re.ASCII)
+    if response.status != http.client.PARTIAL_CONTENT or span is None:
+        return False
+    first, last, total = (int(number[:18]) for number in span.groups())
     return (
-        response.status == http.client.PARTIAL_CONTENT
-        and response.headers.get("Content-Range", "").startswith(f"bytes {state.st_size}-")
-        and (changed is None or mktime_tz(changed) <= state.st_mtime)
+        first == size
+        and last + 1 == total == size + (response.length or 0)
+        and version["total"] in (None, total)
+        and version["validator"] in (response.headers.get("ETag"), response.headers.get("Last-Modified"))
     )
 
 
 def _check(file, path, name, sha256, sums, remedy):
     """Compare the sum of `file`, known as `path`, and return it; raises `DataError` if it differs."""
-    found = expected = file_sha256(file)
-    if sha256:
-        expected, correction = sha256.lower(), "correct its sha256 in the dataset file"
-    elif sums:
-        name = name or os.path.relpath(path, Path(sums).parent)
-        expected, correction = _recorded(Path(sums), name, found), f"delete the line of {name} in {sums}"
-    if found != expected:
+    found = file_sha256(file)
+    expected, correction = _expected(path, name, sha256, sums)
+    if expected not in (None, found):
         remedy = f"{remedy}, or, if the owner has published a new version, {correction}"
         raise DataError(f"{path}: expected SHA-256 {expected}, found {found}; {remedy}")
     return found
 
 
-def _recorded(sums, name, found):
-    """The sum recorded under `name`; `found` is recorded if there was none."""
-    known = _read_sums(sums)
-    if name not in known:
-        sums.parent.mkdir(parents=True, exist_ok=True)
-        with open(sums.with_name(f".{sums.name}.lock"), "a") as lock:  # stays: removing it would let two in
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            known = _read_sums(sums)
-            if name not in known:
-                text = sums.read_text(encoding="utf-8") if sums.exists() else ""
-                gap = "" if not text or text.endswith("\n") else "\n"
-                write_text(sums, f"{text}{gap}{found}  {name}\n")
-    return known.get(name, found)
+def _expected(path, name, sha256, sums):
+    """The sum that a file should have, None where none is known, and what to correct where it is wrong."""
+    if sha256:
+        return sha256.lower(), "correct its sha256 in the dataset file"
+    name = name or (sums and os.path.relpath(path, Path(sums).parent))
+    return (_read_sums(Path(sums)).get(name) if sums else None), f"delete the line of {name} in {sums}"
 
 
 def _read_sums(sums):

@@ -12,6 +12,7 @@ from modlhmp.datasets import Dataset
 from modlhmp.floor_plan import load_floor_plan, moved
 from modlhmp.pictures import orientation_colours
 from modlhmp.storage import atomic_path, write_text
+from modlhmp.study.exhibits.table_forms import csv_text
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
@@ -162,4 +163,4 @@ def save(fig: Figure, stem: str, numbers: pd.DataFrame, demo: bool) -> None:
         with atomic_path(Path(f"{stem}.{suffix}")) as temporary:
             fig.savefig(temporary, format=suffix, metadata={"CreationDate": None} if suffix == "pdf" else None)
     plt.close(fig)
-    write_text(f"{stem}.csv", numbers.to_csv(index=False, float_format="%.6g"))
+    write_text(f"{stem}.csv", csv_text(numbers, float_format="%.6g"))
