@@ -28,7 +28,7 @@ def read_sqlite(path: str | Path, origin: float, day: tuple[float, float] | None
 def read_hdf5(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
     """Read an archive's HDF5 file (dataset `trajectory` with id, frame, x, y and attribute `fps`) likewise."""
     try:
-        import h5py  # type: ignore[import-not-found]  # noqa: PLC0415 - an extra that few need
+        import h5py  # noqa: PLC0415 - an extra that few need
     except ImportError:
         raise DataError(f"{path}: HDF5 files need the package h5py: pip install 'modlhmp[hdf5]'") from None
     try:
