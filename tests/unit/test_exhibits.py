@@ -177,3 +177,16 @@ def test_a_run_measured_before_has_its_runtime_in_the_claims(tmp_path):
     assert asks["measured"] == ["demo_hall"]
     assert str(file) in claims.needs(plan, shown)
     assert plan.layout.runtime("demo_forum") not in claims.needs(plan, shown)
+
+
+def test_of_many_methods_curves_leave_the_variants_to_the_tables(plan):
+    """Those that inherit from another compared one; the caption says so. Of a few, all are drawn."""
+    few = plan_of(compare=["cliff", "cvm", "cvm_clean"], comparisons=[])
+    assert few.drawn == few.titles
+    assert len(plan.run.compare) > 12
+    assert plan.drawn.keys() == plan.titles.keys() - {"tc_clean", "cvm_clean", "episodes_medoid"}
+    for name in ("{label}_final", "coverage"):
+        exhibit = next(one for one in EXHIBITS if one.name == name)
+        assert all(asks["methods"] == plan.drawn for _, asks in calls(exhibit, plan))
+        assert "Variants" in exhibit.caption_in(plan)
+        assert "Variants" not in exhibit.caption_in(few)

@@ -22,6 +22,7 @@ TRAINING_KEYS = ("timezone", "time_step_s", "observed_rows", "horizon_s", "veloc
 FORECAST_KEYS = (*TRAINING_KEYS, "forecast_every_s")
 SCORE_KEYS = (*FORECAST_KEYS, "paper_protocol")
 SITE_KEYS = (*TRAINING_KEYS, "paper_protocol", "hours")  # of the `Site` that a map carries
+MOST_CURVES = 12  # in one panel, before they hide each other
 NOT_SHOWN = ("recordings", "sources")  # lists of files, which exhibits do not depend on
 
 
@@ -74,6 +75,14 @@ class Plan:
     def titles(self) -> dict[str, str]:
         """Titles of the compared methods by name, in the order of the tables."""
         return self.run.titles(self.run.compare)
+
+    @property
+    def drawn(self) -> dict[str, str]:
+        """Titles of the methods that curves are drawn of: of many, those that inherit from no other compared one."""
+        names = self.run.compare
+        if len(names) > MOST_CURVES:
+            names = [name for name in names if not set(self.run.ancestors(name)) & set(names)]
+        return self.run.titles(names)
 
     @property
     def compared_kinds(self) -> set[str]:

@@ -1,5 +1,6 @@
 """Figure learning-curves: validation error and training loss of networks over windows looked at (not in the paper)."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import pandas as pd
@@ -8,6 +9,8 @@ from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.trainings import read_trainings
 from modlhmp.study.layout import Layout
+
+TITLE_LETTERS = 14  # in a line above a panel: there may be eight panels across a page
 
 
 def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str]) -> None:
@@ -31,10 +34,11 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
             best = seen[curve["epoch"] == one["best_epoch"]]
             above.plot(best, one["validation_ade_m"], marker="o", markersize=3, color="black")
             below.plot(seen, curve["train_loss"], color="0.4")
-            above.set_title(f"{dataset.title}\n{title}")
+            if line == 0:
+                above.set_title(textwrap.fill(title, TITLE_LETTERS))
             above.set_ylim(bottom=0)
             if column == 0:
-                above.set_ylabel("validation ADE [m]")
+                above.set_ylabel(f"{dataset.title}\nvalidation ADE [m]")
                 below.set_ylabel("training loss")
             tables.append(curve.drop(columns=["seconds", "core_seconds"]).assign(dataset=dataset.name, method=method))
         axes[-1, column].set_xlabel("10³ windows")

@@ -1,6 +1,6 @@
 """Records of the exhibits that are tables, curves and studies: what is made from errors and trainings."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,18 @@ def _measured(plan: Plan, datasets: list[Dataset]) -> list[str]:
 
 def _methods(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     return {"methods": plan.titles}
+
+
+def _drawn(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {"methods": plan.drawn}
+
+
+def _and_variants(caption: str) -> Callable[[Plan], str]:
+    """The caption of a figure of curves, which says what is not drawn."""
+    return lambda plan: (
+        caption
+        + ("" if plan.drawn == plan.titles else " Variants of methods that are drawn stand in the tables alone.")
+    )
 
 
 def _networks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
@@ -243,11 +255,13 @@ EXHIBITS: tuple[Exhibit, ...] = (
         title="errors against horizon",
         category="Figures",
         paper="fig:atc_final, fig:edin_final",
-        caption="ADE and FDE against the prediction horizon, mean and one standard deviation over tracks, under the "
-        "paper protocol (upper row) and the complete protocol (lower row). The legend gives scored and eligible tracks "
-        "at the longest horizon.",
+        caption=_and_variants(
+            "ADE and FDE against the prediction horizon, mean and one standard deviation over tracks, under the "
+            "paper protocol (upper row) and the complete protocol (lower row). The legend gives scored and eligible "
+            "tracks at the longest horizon."
+        ),
         needs=_scores,
-        asks=_methods,
+        asks=_drawn,
     ),
     Exhibit(
         name="coverage",
@@ -255,12 +269,14 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.coverage",
         title="coverage",
         category="Figures",
-        caption="Share of the eligible tracks that each method scores at each horizon under the paper protocol "
-        "(above), and how many are eligible under either protocol (below). A method's error under the paper protocol "
-        "is that of the tracks on which at least one of its futures stayed on the map, so methods are compared on "
-        "different tracks; under the complete protocol all score every eligible track.",
+        caption=_and_variants(
+            "Share of the eligible tracks that each method scores at each horizon under the paper protocol "
+            "(above), and how many are eligible under either protocol (below). A method's error under the paper "
+            "protocol is that of the tracks on which at least one of its futures stayed on the map, so methods are "
+            "compared on different tracks; under the complete protocol all score every eligible track."
+        ),
         needs=_scores,
-        asks=_methods,
+        asks=_drawn,
     ),
     Exhibit(
         name="rank-metrics",
