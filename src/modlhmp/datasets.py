@@ -19,7 +19,7 @@ from modlhmp.readers.files import check_different, find_files, names_of, recordi
 from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
 from modlhmp.splits import FOLDS
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, boundary
 from modlhmp.tracks import Tracks
 from modlhmp.yaml_file import read_yaml
 
@@ -143,6 +143,11 @@ def load_dataset(path: str | Path, data_root: str | Path, demo_root: str | Path 
     They lie under `data_root`, generated ones under `demo_root` where that is given. A file that does not exist keeps
     the path where it is expected. `DataError` names the file, the key, the value and the remedy.
     """
+    with boundary(path, "does not describe a dataset"):
+        return _load(path, data_root, demo_root)
+
+
+def _load(path: str | Path, data_root: str | Path, demo_root: str | Path | None) -> Dataset:
     listed = read_yaml(path, "a dataset file")
     file = check(DatasetFile, listed, path, REQUIRED)
     name = Path(path).stem
@@ -261,8 +266,10 @@ def _check_dataset(path: str | Path, file: DatasetFile, label: str) -> None:
     """Checks that types cannot say; `DataError`."""
     _check_files(path, file)
     check_site(file, path)
-    if not re.fullmatch(r"[A-Za-z0-9_-]+", label):
-        raise DataError(f"{path}: name the file with letters, digits, _ and - only, or give it a `label` of these")
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,100}", label):
+        raise DataError(
+            f"{path}: name the file with letters, digits, _ and - only, at most 100, or give it a `label` of these"
+        )
     check_rules(file.cleaning, path)
     for area in file.areas:
         if not are_polygons(area.polygons):
@@ -321,7 +328,11 @@ def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ..
     plan = Path(data_root) / file.floor_plan
     if file.demo:  # made by the workflow
         return str(plan), str(plan.with_suffix(".pgm"))
-    if not plan.exists():  # asked for like a missing recording
+    try:
+        there = plan.exists()
+    except OSError as error:
+        raise DataError(f"{plan}: cannot be looked for ({error.strerror}); correct `floor_plan`") from None
+    if not there:  # asked for like a missing recording
         return (str(plan),)
     if not image_of(plan).exists():
         raise DataError(f"{plan}: image {image_of(plan)} does not exist; put it there, or correct `image`")

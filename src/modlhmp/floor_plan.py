@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, boundary
 from modlhmp.yaml_file import read_yaml
 
 FREE, UNKNOWN, OCCUPIED = 0, 1, 2
@@ -57,8 +57,9 @@ def load_floor_plan(path: str | Path) -> FloorPlan:
     """
     if importlib.util.find_spec("PIL") is None:  # an extra: maps and forecasts do without it
         raise DataError(f'{path}: reading a floor plan needs Pillow: pip install "modlhmp[plans]"')
-    settings = _settings_of(path)
-    image = _read_image(path, Path(path).parent / settings.image)
+    with boundary(path, "cannot be read as a floor plan"):
+        settings = _settings_of(path)
+        image = _read_image(path, Path(path).parent / settings.image)
     cells = np.concatenate([_cells_of(part, settings) for part in _bands(image)])
     if not (cells == OCCUPIED).any():
         _LOG.warning("%s: no cell is occupied; check `mode`, `negate` and the thresholds", path)

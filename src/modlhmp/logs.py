@@ -1,8 +1,10 @@
 """Logs of a job, to its file and to the terminal, and its progress; bad input ends it with a message."""
 
 import contextlib
+import errno
 import functools
 import logging
+import resource
 import sys
 import traceback
 import warnings
@@ -39,6 +41,22 @@ def job_log(path: str | Path) -> Iterator[logging.Logger]:
     except DataError as error:
         log.error("%s", error)
         sys.exit(1)
+    except MemoryError as error:
+        log.error("%s", _no_memory(error))
+        sys.exit(1)
+    except OSError as error:
+        log.error(
+            "%s", f"{error}: make room, then run again" if error.errno == errno.ENOSPC else traceback.format_exc()
+        )
+        sys.exit(1)
     except Exception:
         log.error("%s", traceback.format_exc())
         sys.exit(1)
+
+
+def _no_memory(error: MemoryError) -> str:
+    """What to say where memory does not suffice, with how much this process had until then."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # KiB, on macOS bytes
+    had = peak / (1e6 if sys.platform == "darwin" else 1e3)
+    about = f" ({error})" if str(error) else ""
+    return f"The memory does not suffice{about}: this job had {had:.0f} MB; run fewer jobs at once (--cores 1)"

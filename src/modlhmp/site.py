@@ -12,6 +12,8 @@ from modlhmp.storage import DataError
 
 Hour = Annotated[int, Ge(0), Le(24)]
 
+MOST_STEPS = 100_000  # of a forecast and of what it is made from: far above any, and what fits into memory
+
 
 @dataclass(frozen=True, kw_only=True)
 class IdleFilter:
@@ -73,6 +75,11 @@ def check_site(site: Site, where: str | Path) -> None:
     check_timezone(site.timezone, where)
     if site.hours and site.hours[0] in (site.hours[1], 24):
         raise DataError(f"{where}: hours {list(site.hours)} are empty; say [first, one after the last]")
+    if (steps := max(site.horizon_s / site.time_step_s, site.observed_rows)) > MOST_STEPS:
+        raise DataError(
+            f"{where}: horizon_s {site.horizon_s:g} and observed_rows {site.observed_rows}: {steps:.3g} time steps, at "
+            f"most {MOST_STEPS} are forecast"
+        )
     if site.observed_rows < 2:
         raise DataError(f"{where}: observed_rows {site.observed_rows} is under 2; a velocity takes two rows")
     if not _whole(site.horizon_s / site.time_step_s):

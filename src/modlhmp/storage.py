@@ -4,6 +4,7 @@ Each carries a seal, the SHA-256 of its own bytes with zeros where the seal stan
 in numbers, names or footer, is an error. Parquet's page checksums would not cover names, types and metadata.
 """
 
+import errno
 import functools
 import hashlib
 import json
@@ -29,8 +30,27 @@ _ENCODINGS = {
 }  # fmt: skip
 
 
+UNFORESEEN = "if it is as it should be, this is a fault of modlhmp: please report it"
+_NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
+
+
 class DataError(ValueError):
     """Something is wrong with the user's data or settings; the message names file, row, value and remedy."""
+
+
+@contextmanager
+def boundary(source: object, remedy: str) -> Iterator[None]:
+    """What a library raises within, at something that others have written, as an error of ours that names `source`.
+
+    What is foreseen has errors and remedies of its own, below this. Memory that does not suffice stays what it is.
+    """
+    try:
+        yield
+    except (DataError, MemoryError):
+        raise
+    except Exception as error:
+        reason = (str(error).splitlines() or [""])[0][:200]
+        raise DataError(f"{source}: {remedy} ({type(error).__name__}: {reason}); {UNFORESEEN}") from error
 
 
 def write_parquet(table: pa.Table | Mapping[str, Any], path: str | Path, **provenance: Any) -> None:
@@ -227,16 +247,30 @@ class atomic_path:  # noqa: N801 - reads as a verb in `with atomic_path(path) as
         self.temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
 
     def __enter__(self) -> Path:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise self._unwritten(error) from None
         return self.temporary
 
     def __exit__(
         self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        if kind is None:
-            self.temporary.replace(self.path)
-        else:
+        try:
+            if kind is None:
+                self.temporary.replace(self.path)
+                return
             self.temporary.unlink(missing_ok=True)
+        except OSError as error:
+            value = value or error
+        if isinstance(value, OSError) and (value.errno in _NO_ROOM or str(self.temporary) == str(value.filename)):
+            raise self._unwritten(value) from None
+
+    def _unwritten(self, error: OSError) -> DataError:
+        """Why the file could not be written, a full disk above all, with what to do."""
+        remedy = "make room" if error.errno in _NO_ROOM else "see that the folder may be written to"
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        return DataError(f"{self.path}: cannot be written ({reason}); {remedy}, then run again")
 
 
 def remove_leftovers(*folders: str | Path) -> list[Path]:

@@ -17,6 +17,7 @@ from modlhmp.storage import DataError, file_sha256, remove_leftovers
 from modlhmp.study.claims import claim_horizons
 from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study import running
+from modlhmp.study.killed import killed_jobs
 from modlhmp.study.layout import SUMS, Layout
 from modlhmp.study.plan import (
     CLEANING_KEYS,
@@ -33,7 +34,10 @@ from modlhmp.study.versions import code_version
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 try:
-    DATASET_FOLDERS = "config/datasets", ROOT / "config/datasets"  # the working folder's come first
+    DATASET_FOLDERS = (
+        "config/datasets",
+        ROOT / "config/datasets",
+    )  # the working folder's come first
     RUN = load_run(config, DATASET_FOLDERS)
     LAYOUT = Layout(RUN.run)
     DATA_ROOT = os.path.expanduser(os.environ.get("MODLHMP_DATA") or RUN.data_root)
@@ -51,6 +55,11 @@ if LOCKED and workflow.is_main_process and "--unlock" not in sys.argv:
 
 onstart:
     remove_leftovers(LAYOUT.results, LAYOUT.exhibits, LAYOUT.demo)
+
+
+onerror:
+    for text in killed_jobs(log):
+        print(text, file=sys.stderr)
 
 
 SEEDS = {name: RUN.kind(name).seeds(RUN.seeds) for name in RUN.methods_run}

@@ -20,7 +20,7 @@ from modlhmp.maps import stef
 from modlhmp.maps.base import DAY, hour_files
 from modlhmp.settings import check
 from modlhmp.site import Site
-from modlhmp.storage import DataError, read_metadata, read_parquet, write_text
+from modlhmp.storage import DataError, boundary, read_metadata, read_parquet, write_text
 
 Tables = tuple[str, pa.Table | None, dict[int, pa.Table]]  # kind, of the whole day, {hour: of that hour}
 IMPORTED = b"imported"  # in a table's metadata: JSON of the file, its SHA-256, its form, and what was repaired
@@ -64,7 +64,12 @@ def map_files(path: str | Path) -> list[Path]:
 
 def kind_in(path: str | Path, form: str | None = None) -> str:
     """The kind of the map that a file or folder holds, from a look at its first file."""
-    first, path = map_files(path)[0], Path(path)
+    with boundary(path, "cannot be read as a map"):
+        return _kind_in(Path(path), form)
+
+
+def _kind_in(path: Path, form: str | None) -> str:
+    first = map_files(path)[0]
     if is_parquet(path, form):
         read_parquet(first, [])
         return str(read_metadata(first).get("kind"))
@@ -86,7 +91,12 @@ def read_tables(
     dataset files have it. `how` are the form's own options. What was repaired is logged once for a file, and kept in
     the table's metadata. `DataError` names the file, the row, the value and the remedy.
     """
-    site, files = site or Site(), hour_sources(path)
+    with boundary(path, "cannot be read as a map"):
+        return _read_tables(path, form, site or Site(), origin_m, **how)
+
+
+def _read_tables(path: str | Path, form: str | None, site: Site, origin_m: Any, **how: Any) -> Tables:
+    files = hour_sources(path)
     origin = origin_of(origin_m)
     if not files:
         source = read_source(path, origin)

@@ -12,7 +12,7 @@ from modlhmp.readers import atc, edinburgh, jupedsim, magni, trajnet
 from modlhmp.readers.delimited import read_delimited
 from modlhmp.readers.raw import FILE_COLUMN, People
 from modlhmp.settings import as_plain
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, boundary
 from modlhmp.tracks import Tracks
 
 _WHOLE = {"magni": magni.read, "jupedsim": jupedsim.read_sqlite, "hdf5": jupedsim.read_hdf5}
@@ -30,6 +30,12 @@ def read_recording(
         limits, origin = _day_and_origin(form.timezone, day, start, days)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
+    with boundary(path, "cannot be read as the dataset file says"):
+        return _read(path, form, limits, origin)
+
+
+def _read(path, form, limits, origin):
+    """What the form's reader reads."""
     frame_rate, row_stride, scale = (cast(Any, value) for value in (form.frame_rate, form.row_stride, form.scale))
     if isinstance(path, People):
         return _read_table(path, form, limits, origin)
@@ -83,7 +89,10 @@ def _day_and_origin(timezone: str, day: str, start: str | None, days: int) -> tu
         ) from None
     if not 1900 < date.year < 2200:
         raise DataError(f"day {day!r}: give a date of our time")
-    limits = midnight(date, timezone), midnight(date, timezone, days)
+    try:
+        limits = midnight(date, timezone), midnight(date, timezone, days)
+    except (ValueError, OverflowError):
+        raise DataError(f"days {days}: the day that many days after {day} has no date; give a smaller number") from None
     if start is None:
         return limits, 0.0
     begins = datetime.combine(date, clock)

@@ -23,8 +23,11 @@ def find_files(source: str | Path, listed: str, root: Path) -> list[Path]:
     """
     try:
         return _find(source, listed, root)
-    except OSError as error:  # a name that is too long, a folder that may not be entered
-        raise DataError(f"{source}: files {listed!r}: cannot be looked for under {root} ({error.strerror})") from None
+    except DataError:
+        raise
+    except (OSError, ValueError) as error:  # a name that is too long or holds a null, a folder that may not be entered
+        reason = getattr(error, "strerror", None) or error
+        raise DataError(f"{source}: files {listed!r}: cannot be looked for under {root} ({reason})") from None
 
 
 def _find(source: str | Path, listed: str, root: Path) -> list[Path]:

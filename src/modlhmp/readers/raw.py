@@ -4,6 +4,7 @@ import bz2
 import codecs
 import contextlib
 import gzip
+import lzma
 import re
 import zipfile
 import zlib
@@ -21,6 +22,9 @@ BLOCK_BYTES = 1 << 22
 # Beyond these a file is no recording, or made to fill memory: 8 MiB of a line are half a million positions.
 MOST_LINE_BYTES, MOST_WHOLE_BYTES = 1 << 23, 1 << 29
 MOST_TIMES, LEAST_BYTES = 250, 1 << 26  # how much larger than its archive a text may be, if it has so many bytes
+_DAMAGED = (
+    EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile, zipfile.BadZipFile, RuntimeError, NotImplementedError
+)  # fmt: skip
 FILE_COLUMN = "file"  # what the column of people's files is called
 
 
@@ -66,7 +70,7 @@ def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
         ) from None
     except KeyError:
         raise DataError(f"{file}: holds no member {member!r}") from None
-    except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile, RuntimeError, NotImplementedError) as error:
+    except _DAMAGED as error:
         raise DataError(
             f"{file}: the archive is cut off or damaged, or locked ({error}); fetch it again, or unpack it"
         ) from None

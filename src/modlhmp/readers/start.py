@@ -68,7 +68,9 @@ def _first_row(path, layout, block, form):
         raise DataError(f"{path}: is UTF-16 text; save it as UTF-8")
     block, before = block.removeprefix(codecs.BOM_UTF8), layout.get("skip_lines") or 0
     begin = 0  # of the line, not cut off from the block: each cut copies all that is left
-    for _ in range(before):
+    for skipped in range(before):
+        if begin == len(block):
+            raise DataError(f"{path}: skip_lines {before}: there are {skipped} lines only, or the first are too long")
         begin = _after_line(block, begin)
     comment = form.comment.encode()
     blank_is_row = not comment and not before
@@ -119,6 +121,11 @@ def _with_columns(form, first, layout, texts):
         else:
             numbers[field] = positions[0]
     ids = joined.get("track_id", ())
+    if both := [field for field, at in numbers.items() if any(at in positions for positions in joined.values())]:
+        raise DataError(
+            f"{first.place}: the column of {both[0]} is one of numbers, and {layout['columns'][both[0]]!r} is compared "
+            "as text as well (`only`, `without`, `split` or an id); name another column"
+        )
     return form._replace(
         numbers=numbers, texts=joined, width=len(first.fields), ids=ids[0] if len(ids) == 1 else -1,
         header=first.fields if layout.get("header") else None,

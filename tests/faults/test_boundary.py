@@ -1,0 +1,249 @@
+"""Where things that others have written come in, and where results go out: an error of ours, not a library's.
+
+What no error was foreseen for is one as well (`storage.boundary`), which says so; the trials here meet none of those.
+"""
+
+import copy
+import errno
+import logging
+import os
+import re
+import resource
+import zipfile
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from modlhmp.datasets import clean, load_dataset
+from modlhmp.exchange.maps import kind_in, read_tables
+from modlhmp.logs import job_log
+from modlhmp.storage import (
+    UNFORESEEN,
+    DataError,
+    atomic_path,
+    boundary,
+    read_json,
+    write_json,
+    write_parquet,
+    write_text,
+)
+
+ROWS = "".join(f"{k}.5,{person},{k}.25,{person}\n" for person in range(4) for k in range(12))
+DATASET = {
+    "title": "T", "reader": "delimited", "timezone": "UTC", "velocity": "differences", "citation": "c", "terms": "t",
+    "horizon_s": 4, "observed_rows": 3, "columns": {"track_id": 1, "t": 0, "x": 2, "y": 3},
+    "recordings": [{"files": "a.csv", "day": "1970-01-01", "split": {"by": "person", "test": 0.5}}],
+}  # fmt: skip
+
+
+def told(error):
+    """A message that somebody foresaw."""
+    assert UNFORESEEN not in str(error)
+    return str(error)
+
+
+def cleaned(folder, listed, rows=ROWS):
+    """The message with which a dataset, or one of its recordings, is refused; None where all are read."""
+    (folder / "own.yaml").write_text(yaml.safe_dump(listed) if isinstance(listed, dict) else listed)
+    if rows is not None:
+        (folder / "a.csv").write_text(rows)
+    try:
+        dataset = load_dataset(folder / "own.yaml", folder)
+        for one in dataset.recordings:
+            clean(dataset, one)
+    except DataError as error:
+        return told(error)
+    return None
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """One folder, whose files every example overwrites."""
+    return tmp_path_factory.mktemp("boundary")
+
+
+# --- what comes in ------------------------------------------------------------------------------------------
+
+RECORDING = DATASET["recordings"][0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"columns": {"track_id": 1, "t": 0, "x": 2, "y": -1}}, "columns.y: -1 is not at least 0"),
+        ({"separator": "é"}, "separator"),
+        ({"separator": "ab"}, "separator: 'ab' is too long"),
+        ({"separator": "e"}, "separator"),
+        ({"separator": "."}, "decimal '.' is also the separator"),
+        ({"horizon_s": float("inf")}, "horizon_s: inf is not a finite number"),
+        ({"horizon_s": 1e308}, r"1e\+308 time steps, at most 100000"),
+        ({"observed_rows": 10**30}, r"1e\+30 time steps, at most 100000"),
+        ({"time_step_s": 1e-9}, "time_step_s: 1e-09 is not at least 0.01"),
+        ({"columns": [1, 2]}, r"columns: \[1, 2\] is not a mapping"),
+        ({"recordings": {"files": "a.csv"}}, "recordings: .* is not a list"),
+        ({"tuned": [1]}, r"tuned: \[1\] is not a mapping"),
+        ({"floor_plan": "x" * 5000}, "correct `floor_plan`"),
+        ({"label": "x" * 5000}, "at most 100"),
+        ({"skip_lines": 10**30}, "skip_lines .*: there are 48 lines only"),
+        ({"recordings": [{**RECORDING, "files": "/"}]}, "files '/'"),
+        ({"recordings": [{**RECORDING, "files": "a\0.csv"}]}, "no such file"),
+        ({"recordings": [{**RECORDING, "days": 10**9}]}, "days 1000000000: .* give a smaller number"),
+        ({"recordings": [{**RECORDING, "split": {"by": "column", "column": 3, "test": ["a"]}}]}, "compared as text"),
+    ],
+)
+def test_a_setting_that_some_library_cannot_take_is_refused_by_name(folder, changes, match):
+    assert re.search(match, cleaned(folder, {**DATASET, **changes}))
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2, zipfile.ZIP_DEFLATED])
+def test_a_damaged_archive_is_refused_however_it_is_packed(folder, packing):
+    listed = {**DATASET, "recordings": [{**RECORDING, "files": "d.zip"}]}
+    with zipfile.ZipFile(folder / "d.zip", "w", packing) as archive:
+        archive.writestr("a.csv", ROWS)
+    whole = (folder / "d.zip").read_bytes()
+    for at in range(10, len(whole), 5):
+        (folder / "d.zip").write_bytes(whole[:at] + b"\xff\x00\x7f" + whole[at + 3 :])
+        cleaned(folder, listed, None)
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"notes.txt": b"hi"}, {"09.csv": b"x"}, {"09.csv": b"\xff\xfe", "10.csv": b""},
+        {"09.csv": None}, {"29.csv": b"1"}, {"day.csv": b"1,2"}, {"day.csv": None}, {"09.csv": b"\0" * 99},
+        {"09.parquet": b"PAR1"}, {"09.parquet": None}, {"sub": None}, {},
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("read", [kind_in, read_tables])
+def test_a_map_folder_with_foreign_files_is_refused(tmp_path, files, read):
+    for name, content in files.items():
+        (tmp_path / name).mkdir() if content is None else (tmp_path / name).write_bytes(content)
+    with pytest.raises(DataError) as error:
+        read(tmp_path)
+    assert str(tmp_path) in told(error.value)
+
+
+def test_the_good_dataset_is_good(folder):
+    assert cleaned(folder, DATASET) is None
+
+
+KEYS = """
+columns units recordings separator decimal thousands comment skip_lines missing only without horizon_s time_step_s
+observed_rows observed_s cleaning homography origin_m hours figure_hours areas tuned sources accept label scale
+difference_weights paper_protocol timezone frame_rate reader max_gap_s max_jump_mps floor_plan
+"""
+SCALARS = st.one_of(
+    st.none(), st.booleans(), st.integers(-3, 5), st.just(10**30), st.floats(), st.text(max_size=3),
+    st.sampled_from(["a.csv", "person", "time", "x", "../x", "1", "\0", "é", "m", "s"]),
+)  # fmt: skip
+VALUES = st.recursive(
+    SCALARS,
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(["t", "x", "y", "by", "files", "test", "column", "track_id", "a", "0"]), inner, max_size=3
+        )
+    ),
+    max_leaves=6,
+)
+
+
+@settings(max_examples=200, derandomize=True, deadline=None)
+@given(key=st.sampled_from(KEYS.split()), value=VALUES, within=st.booleans())
+def test_a_dataset_file_with_any_value_anywhere(folder, key, value, within):
+    listed = copy.deepcopy(DATASET)
+    if within and isinstance(listed.get(key), dict):
+        listed[key][sorted(listed[key])[0]] = value
+    elif within and key == "recordings":
+        listed[key][0]["split"] = value
+    else:
+        listed[key] = value
+    cleaned(folder, listed)
+
+
+@settings(max_examples=100, derandomize=True, deadline=None)
+@given(st.text(st.sampled_from("a:-[]{}&*!|>'\"\n \t#?,1<%@`"), max_size=40))
+def test_a_file_that_is_hardly_yaml(folder, text):
+    assert cleaned(folder, text.encode("utf-8").decode())
+
+
+@settings(max_examples=200, derandomize=True, deadline=None)
+@given(at=st.integers(0, len(ROWS)), text=st.text(max_size=8), length=st.integers(0, 30))
+def test_a_recording_with_any_text_in_it(folder, at, text, length):
+    cleaned(folder, DATASET, ROWS[:at] + text + ROWS[at + length :])
+
+
+def test_what_nobody_foresaw_is_ours_and_says_so():
+    with (
+        pytest.raises(
+            DataError, match=r"day\.csv: cannot be read \(KeyError: 'a'\); if it is as it should be"
+        ) as error,
+        boundary("day.csv", "cannot be read"),
+    ):
+        raise KeyError("a")
+    assert isinstance(error.value.__cause__, KeyError)
+    with pytest.raises(MemoryError), boundary("day.csv", "cannot be read"):
+        raise MemoryError
+
+
+# --- what goes out ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def little_room():
+    """A limit of 4 kB for files, which libraries meet like a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("a.json", lambda path: write_json(path, {"a": "x" * 9999})),
+        ("a.txt", lambda path: write_text(path, "x" * 9999)),
+        ("a.parquet", lambda path: write_parquet(pa.table({"a": np.random.default_rng(0).random(9999)}), path)),
+    ],
+)
+def test_a_full_disk_is_told_and_leaves_the_file_of_before(tmp_path, little_room, name, write):
+    path = tmp_path / name
+    write_json(path, {"a": 1})
+    with pytest.raises(DataError, match=rf"{name}: cannot be written \(.*\); make room, then run again"):
+        write(path)
+    assert read_json(path) == {"a": 1}
+    assert [file.name for file in tmp_path.iterdir()] == [name]
+
+
+def test_a_folder_that_cannot_be_made_is_told(tmp_path):
+    (tmp_path / "a").write_text("")
+    with pytest.raises(DataError, match=r"b\.txt: cannot be written .* the folder may be written to, then run again"):
+        write_text(tmp_path / "a/b.txt", "x")
+
+
+def test_an_error_of_reading_while_writing_stays_one(tmp_path):
+    with pytest.raises(FileNotFoundError), atomic_path(tmp_path / "a.txt") as temporary:
+        temporary.write_text((tmp_path / "missing").read_text())
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("error", "match"),
+    [
+        (MemoryError("8 GB"), r"memory does not suffice \(8 GB\): this job had \d+ MB; run fewer jobs at once"),
+        (OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), "No space left on device: make room, then run again"),
+    ],
+)
+def test_a_job_without_memory_or_room_ends_with_a_message(tmp_path, capsys, error, match):
+    handlers = logging.getLogger().handlers[:]
+    with pytest.raises(SystemExit), job_log(tmp_path / "log"):
+        raise error
+    for handler in set(logging.getLogger().handlers) - set(handlers):
+        handler.close()
+    logging.getLogger().handlers[:] = handlers
+    assert re.search(match, (tmp_path / "log").read_text())
+    assert "Traceback" not in (tmp_path / "log").read_text()
