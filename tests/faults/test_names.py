@@ -11,7 +11,8 @@ from modlhmp.datasets import Dataset
 from modlhmp.file_format import Recording
 from modlhmp.storage import DataError
 from modlhmp.study.configuration import _check_paths
-from modlhmp.study.exhibits.table_forms import csv_text, write_table
+from modlhmp.study.csv_cells import csv_text, original
+from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.yaml_file import read_yaml
 
 RUN = [
@@ -40,6 +41,12 @@ def test_no_cell_is_one_that_a_spreadsheet_would_run():
     header, *rows = cells_of(csv_text(table))
     assert header == ["'=title", "n"]
     assert [cell for cell, _ in rows] == [f"'{cell}".replace("\r", " ") for cell in RUN]
+
+
+def test_a_reader_gets_the_text_back():
+    texts = [*RUN, *(text for text in INERT if text and not text.startswith("'"))]
+    _, *rows = cells_of(csv_text(pd.DataFrame({"text": texts})))
+    assert [original(cell) for (cell,) in rows] == [text.replace("\r", " ") for text in texts]
 
 
 def test_no_cell_begins_within_another():

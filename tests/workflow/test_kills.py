@@ -48,6 +48,6 @@ def test_kills_leave_the_same_bytes(tiny_run, tmp_path, kills, targets):
     project.snakemake("--cores", 2, "--rerun-incomplete", *TINY, "--", *targets)
     undisturbed, found = (outputs(Layout("tiny", str(one.folder))) for one in (tiny_run, project))
     assert {name for name, digest in found.items() if digest != undisturbed.get(name)} == set()
-    assert found.keys() >= set(TARGETS)
+    assert found.keys() >= {target.replace("results/tiny", "results") for target in TARGETS}
     assert targets != ["all"] or found.keys() == undisturbed.keys()
     assert list(project.folder.rglob("*.part")) == []

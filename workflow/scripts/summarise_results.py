@@ -4,7 +4,7 @@ import pandas as pd
 
 from modlhmp.logs import job_log, progress
 from modlhmp.storage import write_text
-from modlhmp.study.exhibits.table_forms import csv_text
+from modlhmp.study.csv_cells import csv_text
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import read_errors, summarise
 

@@ -19,6 +19,7 @@ from snakemake.utils import update_config
 
 from modlhmp.storage import DataError, read_parquet, write_text
 from modlhmp.study.configuration import load_run
+from modlhmp.study.csv_cells import original
 from modlhmp.study.exhibits.selection import main_rows
 from modlhmp.study.layout import Layout
 from modlhmp.yaml_file import read_yaml
@@ -98,7 +99,7 @@ def _of_run(layout: Layout) -> dict[str, Any]:
     for name in TABLES:
         path = Path(f"{layout.exhibit(name)}.csv")
         if path.exists():
-            table = pd.read_csv(path, dtype=str, keep_default_na=False)
+            table = pd.read_csv(path, dtype=str, keep_default_na=False).map(original)
             found["tables"][name] = {"columns": list(table.columns), "rows": table.to_numpy().tolist()}
     return found
 

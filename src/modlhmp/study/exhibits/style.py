@@ -12,7 +12,7 @@ from modlhmp.datasets import Dataset
 from modlhmp.floor_plan import load_floor_plan, moved
 from modlhmp.pictures import orientation_colours
 from modlhmp.storage import atomic_path, write_text
-from modlhmp.study.exhibits.table_forms import csv_text
+from modlhmp.study.csv_cells import csv_text
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

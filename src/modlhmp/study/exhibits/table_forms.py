@@ -1,17 +1,14 @@
 """The forms of a table: CSV, Markdown, HTML (for the report) and LaTeX booktabs, demo data labelled in each."""
 
 import html
-import re
 from collections.abc import Sequence
-from typing import Any
 
 import pandas as pd
 
 from modlhmp.storage import write_text
+from modlhmp.study.csv_cells import csv_text
 
 DEMO_NOTE = "Demo data (made-up people): not comparable with the paper."
-_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
-_NUMBER = re.compile(r"[-+]?[0-9]+(\.[0-9]*)?([eE][-+]?[0-9]+)?")
 
 
 def write_table(
@@ -31,20 +28,6 @@ def write_table(
     write_text(f"{stem}.md", "\n\n".join(parts) + "\n")
     write_text(f"{stem}.html", _html(heading, notes, [("", table), *others]))
     write_text(f"{stem}.tex", _latex(table, " ".join([heading + ".", *notes])))
-
-
-def csv_text(table: pd.DataFrame, **options: Any) -> str:
-    """A table as CSV, in which no cell is one that a spreadsheet would run; `options` are those of `to_csv`."""
-    return table.rename(columns=_inert).map(_inert).to_csv(index=False, **options)
-
-
-def _inert(cell):
-    """A cell, with an apostrophe before what spreadsheets take for a formula; numbers are none."""
-    if not isinstance(cell, str):
-        return cell
-    runs = cell.startswith(_FORMULAS) and not _NUMBER.fullmatch(cell)
-    text = cell.replace("\r", " ")  # pandas would not quote it, and spreadsheets begin a row after it
-    return f"'{text}" if runs else text
 
 
 def _markdown(table):
