@@ -34,10 +34,8 @@ from modlhmp.study.versions import code_version
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 try:
-    DATASET_FOLDERS = (
-        "config/datasets",
-        ROOT / "config/datasets",
-    )  # the working folder's come first
+    # The working folder's come first.
+    DATASET_FOLDERS = "config/datasets", ROOT / "config/datasets"
     RUN = load_run(config, DATASET_FOLDERS)
     LAYOUT = Layout(RUN.run)
     DATA_ROOT = os.path.expanduser(os.environ.get("MODLHMP_DATA") or RUN.data_root)

@@ -81,7 +81,7 @@ class Plan:
         """Titles of the methods that curves are drawn of: of many, those that inherit from no other compared one."""
         names = self.run.compare
         if len(names) > MOST_CURVES:
-            names = [name for name in names if not set(self.run.ancestors(name)) & set(names)]
+            names = tuple(name for name in names if not set(self.run.ancestors(name)) & set(names))
         return self.run.titles(names)
 
     @property
