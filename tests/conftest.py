@@ -4,9 +4,11 @@ import os
 from pathlib import Path
 
 import hypothesis
+import pyarrow.parquet as pq
 import pytest
 from xdist.scheduler import LoadScopeScheduling
 
+from modlhmp import storage
 from modlhmp.datasets import load_dataset
 
 ROOT = Path(__file__).parents[1]
@@ -84,3 +86,17 @@ class OneWorkerForARun(LoadScopeScheduling):
 def pytest_xdist_make_scheduler(config, log):
     """How `-n` spreads the tests."""
     return OneWorkerForARun(config, log)
+
+
+@pytest.fixture
+def rewrite():
+    """Function (path, table, options) that writes a Parquet file anew, sealed, with just the metadata of the table."""
+
+    def write(path, table, **options):
+        kept = {key: value for key, value in (table.schema.metadata or {}).items() if key != storage._SEAL}
+        with pq.ParquetWriter(path, table.schema.with_metadata(kept)) as writer:
+            writer.write_table(table.replace_schema_metadata(kept), **options)
+            writer.add_key_value_metadata({storage._SEAL: storage._UNSEALED})
+        storage._seal(Path(path))
+
+    return write

@@ -103,7 +103,7 @@ def test_the_table_says_how_far_each_reading_is_from_the_paper(tmp_path):
     readings_table.draw(layout, hall, str(tmp_path / "t"), {"tc_cliff": "TC", "net": "Net"},
                         {"tc_cliff": "tc_cliff", "net": "neural_map"})  # fmt: skip
     table = pd.read_csv(tmp_path / "t.csv")
-    assert table["less the paper's [%]"].tolist() == ["+100 / +100", "+1 / +1", "–", "–"]
+    assert table["less the paper's [%]"].tolist() == ["'+100 / +100", "'+1 / +1", "–", "–"]
     assert table["n"].tolist()[:2] == ["40/40", "12.5/30"]
     text = (tmp_path / "t.md").read_text()
     assert "**5.400 / 11.300**" in text and "**10.664" not in text

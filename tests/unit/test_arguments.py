@@ -288,11 +288,11 @@ def test_a_map_made_by_hand_is_checked(made, message):
         (b"modlhmp", b'{"kind": ["cliff"], "site": {}}', "kind"),
     ],
 )
-def test_a_map_with_damaged_metadata(tmp_path, key, value, message):
+def test_a_map_with_damaged_metadata(tmp_path, rewrite, key, value, message):
     path = tmp_path / "map.parquet"
     modlhmp.build_map("cliff", PEOPLE, SITE).save(path)
     table = pa.parquet.read_table(path)
-    pa.parquet.write_table(table.replace_schema_metadata({**table.schema.metadata, key: value}), path)
+    rewrite(path, table.replace_schema_metadata({**table.schema.metadata, key: value}))
     with pytest.raises(DataError, match=message):
         modlhmp.forecast(modlhmp.load_map(path), STRAIGHT)
 

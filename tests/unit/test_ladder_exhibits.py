@@ -12,6 +12,7 @@ from matplotlib import image
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.storage import write_json, write_parquet
+from modlhmp.study.csv_cells import original
 from modlhmp.study.exhibits import ladder_figure, ladder_table, style
 from modlhmp.study.ladder import DIFFERENCES, SCORES
 from modlhmp.study.layout import Layout
@@ -87,7 +88,7 @@ def write(folder, scores=None, differences=None, dataset=HALL, rungs=LADDER, day
     store(layout, dataset, "differences", compared() if differences is None else differences)
     write_json(layout.costs(dataset.name), costs)
     ladder_table.draw(layout, dataset, str(folder / "t"), **rungs, titles=TITLES, days=days)
-    return pd.read_csv(folder / "t.csv", dtype=str, keep_default_na=False)
+    return pd.read_csv(folder / "t.csv", dtype=str, keep_default_na=False).map(original)
 
 
 def nobody():
