@@ -60,16 +60,15 @@ def build_map(kind: str, tracks: Tracks, site: Site, building: Any) -> tuple[pa.
 
 def load_map(kind: str, path: str | Path, site: Site, options: Any) -> Any:
     """A kind's map from its file, or its folder of hours, ready to be asked; `DataError` where it is not one."""
-    record = find(kind)
-    module = record.implementation()
-    if not record.hourly:
-        return module.load(path, site, options)
-    hours = {hour: module.load(file, site, options) for hour, file in hour_files(path).items()}
-    return by_hours(record, hours, Path(path) / DAY, site, options)
+    if not find(kind).hourly:
+        return model_of(kind, path, {}, site, options)
+    return model_of(kind, Path(path) / DAY, hour_files(path), site, options)
 
 
-def model_of(kind: str, whole: pa.Table | None, hours: Mapping[int, pa.Table], site: Site, options: Any) -> Any:
-    """The tables of a kind's map (`build_map`) ready to be asked."""
+def model_of(
+    kind: str, whole: str | Path | pa.Table | None, hours: Mapping[int, Path | pa.Table], site: Site, options: Any
+) -> Any:
+    """The tables of a kind's map (`build_map`), or their files, ready to be asked."""
     record = find(kind)
     module = record.implementation()
     if not record.hourly:
