@@ -137,9 +137,7 @@ class Map:
             write_tables(path, self.kind, self.whole, self.hours, form, self.site, **how)
             return
         if path.suffix in {".csv", ".xml", ".txt"}:
-            raise DataError(
-                f"{path}: form parquet under this name; name a form, such as form='xml', or end in .parquet"
-            )
+            raise DataError(f"{path}: form parquet under this name; name its form, such as xml, or end in .parquet")
         if how:
             raise DataError(f"Map.save: {next(iter(how))}: form parquet has no options; leave it out")
         files: dict[Path, tuple[pa.Table, dict[str, int]]] = {}

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Lt, MaxLen, MinLen
+from annotated_types import Ge, Gt, Lt, MaxLen, MinLen
 
 from modlhmp.settings import Positive, WholeFrom0, WholeFrom1, option
-from modlhmp.site import check_timezone
+from modlhmp.site import TimeStep, check_timezone
 from modlhmp.storage import DataError
 from modlhmp.tracks import gap_limit
 
@@ -76,9 +76,7 @@ class FileFormat:
         "`hdf5` those of the Pedestrian Dynamics Data Archive",
     )
     timezone: str = option("UTC", "tz database name of the place, such as Asia/Tokyo")
-    time_step_s: Annotated[float, Ge(0.01), Le(60)] = option(
-        1.0, "time step of the cleaned tracks and of forecasts [s]"
-    )
+    time_step_s: TimeStep = option(1.0, "time step of the cleaned tracks and of forecasts [s]")
     cleaning: tuple[str | dict[str, dict[str, Any]], ...] = option(
         ("single_row",), "rules of modlhmp.cleaning, applied in this order"
     )

@@ -11,6 +11,8 @@ from modlhmp.settings import From0, Positive, Seconds, WholeFrom1, option
 from modlhmp.storage import DataError
 
 Hour = Annotated[int, Ge(0), Le(24)]
+MOST_STEP_S = 60.0
+TimeStep = Annotated[float, Ge(0.01), Le(MOST_STEP_S)]
 
 MOST_STEPS = 100_000  # of a forecast and of what it is made from: far above any, and what fits into memory
 
@@ -38,9 +40,7 @@ class Site:
     hours: tuple[Hour, Hour] | None = option(
         None, "clock hours that get a map, [first, one after the last]; null: all with training data"
     )
-    time_step_s: Annotated[float, Ge(0.01), Le(60)] = option(
-        1.0, "time step of the cleaned tracks and of forecasts [s]"
-    )
+    time_step_s: TimeStep = option(1.0, "time step of the cleaned tracks and of forecasts [s]")
     observed_rows: int = option(4, "rows that a forecaster sees; the last one is at t0 (at least 2)")
     forecast_every_s: Seconds | None = option(
         None,

@@ -12,7 +12,7 @@ from modlhmp.file_format import Recording
 from modlhmp.plausibility import Finding
 from modlhmp.scoring.errors import lengths_counted
 from modlhmp.site import Site
-from modlhmp.tracks import MAX_GAP_S, Tracks, clock_hours
+from modlhmp.tracks import LATE_STEPS, MAX_GAP_S, Tracks, clock_hours
 
 LEAST_ROWS, LEAST_M = 4, 2.0  # of a track that could be told from another one's by its positions
 STOP_SHARED = 0.01
@@ -134,7 +134,7 @@ def _untrained_place(train, test):
 def _horizon(test, site):
     """Whether any test track is as long as the longest horizon."""
     step = site.time_step_s
-    steps = int(max((one.ahead_s for one in test), default=0.0) / step + 0.05)
+    steps = int(max((one.ahead_s for one in test), default=0.0) / step + LATE_STEPS)
     if not test or steps >= site.steps:
         return None
     if not steps:

@@ -10,10 +10,9 @@ import numpy as np
 from modlhmp.account import Account
 from modlhmp.kernels import kernel
 from modlhmp.storage import DataError
-from modlhmp.tracks import MAX_GAP_S, Tracks, laid_out
+from modlhmp.tracks import LATE_STEPS, MAX_GAP_S, Tracks, laid_out
 
 HERE, NEW, GONE = range(3)  # whether somebody can be forecast at a moment
-LATE_STEPS = 1.05  # how old a person's newest row may be, as of neighbours
 ROUNDING_S = 1e-6  # a double holds unix times to 2.4e-7 s
 
 
@@ -89,8 +88,9 @@ def ending_at(
 
     `tracks` are of any rate. Positions are linear between rows, a row at a moment of the grid is taken as it is, and
     beyond the newest row a person goes on at the velocity of the last `step_s`. Somebody is `HERE` whose newest row is
-    at most `LATE_STEPS` steps old at `t0`, or half as old again as the one before was then (a slow sensor), and whose
-    rows reach back to the grid's beginning without a gap over `gap_s`; who has fewer is `NEW`, the others are `GONE`.
+    at most 1 + `LATE_STEPS` steps old at `t0`, or half as old again as the one before was then (a slow sensor), and
+    whose rows reach back to the grid's beginning without a gap over `gap_s`; who has fewer is `NEW`, the others are
+    `GONE`.
     Returns the rows of those who are here, without velocities, and [m] which of the three each of the m tracks is.
     """
     bounds = tracks.bounds()
@@ -110,7 +110,7 @@ def _end_at(t, x, y, bounds, t0, step_s, gap_s, grid, state):
         first, last = bounds[track], bounds[track + 1] - 1
         while last >= first and t[last] > t0 + ROUNDING_S:
             last -= 1
-        lately = LATE_STEPS * step_s
+        lately = (1 + LATE_STEPS) * step_s
         if last > first:
             lately = max(lately, 1.5 * (t[last] - t[last - 1]))
         if last < first or t0 - t[last] > min(lately, gap_s):

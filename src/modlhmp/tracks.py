@@ -18,6 +18,7 @@ from modlhmp.storage import DataError, column, read_metadata, read_parquet, writ
 
 COLUMNS = {"track_id": np.int64, "t": np.float64, "x": np.float64, "y": np.float64,
            "speed": np.float64, "heading": np.float64}  # fmt: skip
+LATE_STEPS = 0.05  # what the jitter of clocks may take from the time of a row, in time steps
 MAX_GAP_S = 5.0  # a track with a longer gap between two rows is not one
 LEAST_JUMP_S = 0.4  # a displacement is judged over no less, so that a tracker's jitter is no jump
 

@@ -54,7 +54,9 @@ def verdicts(table, text):
 def test_planted_differences_get_their_verdicts():
     table = claims.test_claims([evidence()], TITLES, KINDS)
     assert verdicts(table, "ADE TC-CLiFF < CLiFF, 60 s") == {"supported"}
-    assert verdicts(table, "lower at every horizon") == {"supported"}
+    counted = table[table["our test"].str.contains("lower at every horizon")]
+    assert set(counted["verdict"]) == {"counted, not tested"}  # means without a test are no verdict
+    assert set(counted["measured"]) == {"at 4 of 4"}
     assert verdicts(table, "ADE TC-CLiFF < STeF, 60 s") == {"contradicted"}
     row = table[table["our test"] == "ADE TC-CLiFF < CLiFF, 60 s"].iloc[0]
     assert row["n"] == 200

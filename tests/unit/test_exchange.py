@@ -166,7 +166,7 @@ def test_histograms(maps, tmp_path, caplog):
         i, j = (np.floor(column(table, name) - box[name][0]).astype(int) for name in ("x", "y"))
         seen[i, j] |= column(table, "probabilities").reshape(-1, 8).any(axis=1)
     assert theirs.hours[7].num_rows == seen.sum()
-    refused("histograms. Then give form='histogram'", modlhmp.load_map, tmp_path / "stef.txt")
+    refused("histograms. Then name the form, histogram,", modlhmp.load_map, tmp_path / "stef.txt")
     refused("row 1 has .* numbers after its time: .* = 8; give the box", modlhmp.load_map, tmp_path / "stef.txt",
             form="histogram", x=(0, 1), y=(0, 1))  # fmt: skip
 
@@ -203,7 +203,7 @@ def test_a_kind_that_a_form_cannot_carry(tmp_path, kind):
 
 def test_options_of_forms_are_checked(maps, tmp_path):
     refused("unknown key 'hedder', did you mean 'header'", maps["cliff"].save, tmp_path / "a", form="matlab", hedder=1)
-    refused("name a form, such as form='xml'", maps["cliff"].save, tmp_path / "a.csv")
+    refused("name its form, such as xml", maps["cliff"].save, tmp_path / "a.csv")
     refused("no options", maps["cliff"].save, tmp_path / "a.parquet", header=True)
     maps["cliff"].save(tmp_path / "a", form="matlab")
     maps["cliff"].save(tmp_path / "a.parquet")
@@ -305,9 +305,7 @@ def test_angles_from_minus_pi_to_pi_tell_it_too(write, order):
 
 def test_where_nothing_tells_the_order_it_is_asked_for(write):
     one_way = write(rows_of("matlab", *([n, 0, 0.5, 1.2, 0.1, 0, 0.1, 1] for n in range(9))))
-    refused(
-        "is it form='matlab' .* or form='online' .* above pi are 0.0% of column 3 and 0.0%", modlhmp.load_map, one_way
-    )
+    refused("is its form matlab .* or online .* above pi are 0.0% of column 3 and 0.0%", modlhmp.load_map, one_way)
     for order, speed in (("matlab", 1.2), ("online", 0.5)):
         found = modlhmp.load_map(one_way, form=order)
         np.testing.assert_allclose(column(found.whole, "mean_speed"), speed, rtol=1e-6)
@@ -402,7 +400,7 @@ def test_p_comes_from_the_number_that_varies(write):
         ("version https://git-lfs.github.com/spec/v1\noid sha256:0\n", "a pointer of Git LFS, .* `git lfs pull`"),
         ("component_id,x_position,y_position,direction_rad,direction_deg,weight\n1,0,0,0,0,1\n", "cliffpy: .* no cov"),
         ("1,2,3\n4,5,6\n", "3 columns: a CLiFF-map has 10 or 11"),
-        ("0.5,0.5,1,0,0,2,0,0,0,0\n", "columns 6 and 7 differ, .* give form='stef_csv'"),
+        ("0.5,0.5,1,0,0,2,0,0,0,0\n", "columns 6 and 7 differ, .* name the form, stef_csv"),
         (b"\xff\xfe\x00\x01\xff", "not a text file"),
         (rows_of("matlab", [0, 0, 4, 1, 0, 0, 0, 1], [1, 0, 5, 1, 0, 0, 0, 1]), "all covariances are 0: directions"),
         (rows_of("matlab", [0, 0, 4, 1, 1, 0, 1, 0], [1, 0, 5, 1, 1, 0, 1, 0]), "all weights are 0: the map is empty"),

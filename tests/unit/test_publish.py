@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
@@ -31,8 +32,13 @@ def numbers(tmp_path):
     pd.DataFrame(rows, columns=COLUMNS).to_csv(layout.scores, index=False)
     pair = ("hall", "complete", 5.0, "ade", "cliff", "cvm", 100.0, -0.3612, -0.551, -0.18, -26.4, 3)
     Path(layout.ladder("hall", "differences")).parent.mkdir(parents=True)
-    write_parquet(pa.table({name: [value] for name, value in zip(DIFFERENCES, pair, strict=True)}),
-                  layout.ladder("hall", "differences"))  # fmt: skip
+    same = ("hall", "complete", 5.0, "ade", "cvm", "cvm", 100.0, 0.0, np.nan, np.nan, 0.0, 0)
+    pairs = [dict(zip(DIFFERENCES, values, strict=True)) for values in (pair, same)]
+    write_parquet(pa.Table.from_pylist(pairs), layout.ladder("hall", "differences"))
+    rung = {"dataset": "hall", "protocol": "complete", "horizon_s": 5.0, "ade_m": 7.0, "fde_m": 8.0, "n": 100.0,
+            "eligible": 100}  # fmt: skip
+    write_parquet(pa.Table.from_pylist([rung | {"method": method} for method in ("tc_clean", "cvm")]),
+                  layout.ladder("hall", "scores"))  # fmt: skip
     table = pd.DataFrame({"claim": ["a", "b"], "dataset": ["Hall", "Forum"], "verdict": ["supported", "–"]})
     table.to_csv(f"{layout.exhibit('claims')}.csv", index=False)
     return publish.collect(["real"], "abc123", str(tmp_path))
@@ -53,8 +59,16 @@ def test_a_template_gets_what_it_asks_for(numbers):
     )
 
 
+def test_methods_that_only_the_ladder_compares_have_scores(numbers):
+    page = publish.render("{{ results('real', 'hall', 'complete', [5], 'tc_clean', 'cvm') }}", numbers)
+    assert page.splitlines()[2:] == [
+        "| TC-CLiFF, positions | 7.000 / 8.000 (100 of 100) |",
+        "| CVM | 2.500 ±0.03 / 4.000 (861.4 of 1,378) |",
+    ]
+
+
 def test_a_table_of_results_has_titles_spread_and_n(numbers):
-    page = publish.render("{{ results('real', 'hall', 'paper', [5, 60]) }}", numbers)
+    page = publish.render("{{ results('real', 'hall', 'paper', [5, 60], 'cliff', 'cvm') }}", numbers)
     assert page.splitlines() == [
         "| method | 5 s | 60 s |",
         "| --- | --- | --- |",
@@ -62,8 +76,11 @@ def test_a_table_of_results_has_titles_spread_and_n(numbers):
         "| CVM | 2.500 ±0.03 / 4.000 (861.4 of 1,378) | 8.000 ±0.03 / 4.000 (861.4 of 1,378) |",
     ]
     assert publish.render("{{ walls('real', 'hall', 'paper', 5, 'cvm') }}", numbers) == "no plan"
-    one = publish.render("{{ results('real', 'hall', 'paper', [5], 'cvm') }}", numbers)
-    assert one.splitlines()[2:] == ["| CVM | 2.500 ±0.03 / 4.000 (861.4 of 1,378) |"]
+    everyone = publish.render("{{ results('real', 'hall', 'complete', [5]) }}", numbers)
+    assert [line.split("|")[1].strip() for line in everyone.splitlines()[2:]] == ["TC-CLiFF, positions", "CLiFF", "CVM"]
+    assert publish.render("{{ less('real', 'hall', 'complete', 5, 'ade', 'cvm', 'cvm') }}", numbers) == (
+        "+0.00 m (no interval)"
+    )
 
 
 @pytest.mark.parametrize(

@@ -842,7 +842,7 @@ def test_a_published_map_is_a_method_s_map(config, write, tmp_path):
         ({"kind": "cliff", "file": "maps/a.csv", "form": "matlb"}, "methods.theirs.form: .*did you mean 'matlab'"),
         ({"kind": "stef", "file": "maps/a.csv", "form": "histogram"}, "methods.theirs.form: no form named 'histogram'"),
         ({"kind": "cliff", "file": "maps/lfs.csv"}, "methods.theirs.file: .*a pointer of Git LFS"),
-        ({"kind": "cliff", "file": "maps/one_way.csv"}, "methods.theirs.file: .*is it form='matlab' .* or"),
+        ({"kind": "cliff", "file": "maps/one_way.csv"}, "methods.theirs.file: .*is its form matlab .* or"),
         ({"kind": "cliff", "file": "maps/a b{c}.csv"}, "Snakemake cannot take the character '{'"),
     ],
 )  # fmt: skip

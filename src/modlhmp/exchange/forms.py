@@ -143,8 +143,8 @@ def recognise(source: Source) -> str:
     first = data[: data.find(b"\n", 1)] if b"\n" in data[1:] else data
     if first.count(b",") > MOST_COLUMNS:
         raise DataError(
-            f"{where}: {first.count(b',') + 1} numbers in a line: histograms? Then give form='histogram' and its box: "
-            "x=(first, last), y=(first, last), resolution_m, orientations"
+            f"{where}: {first.count(b',') + 1} numbers in a line: histograms? Then name the form, histogram, and its "
+            "box: x=(first, last), y=(first, last), resolution_m, orientations"
         )
     return _order_by_name(read_rows(source), where)
 
@@ -169,13 +169,13 @@ def _order_by_name(rows: Rows, where: str) -> str:
     covariance = rows.values[:, 5:7]
     if not (abs(covariance[:, 0] - covariance[:, 1]) <= 1e-4 * (1 + abs(covariance[:, 0]))).all():
         raise DataError(
-            f"{where}: columns 6 and 7 differ, so it is no CLiFF-map; give form='stef_csv' if its columns are x, y and "
-            "weights of directions"
+            f"{where}: columns 6 and 7 differ, so it is no CLiFF-map; name the form, stef_csv, if its columns are x, y "
+            "and weights of directions"
         )
     order, why = cliff_csv.order_of(rows)
     if not order:
         raise DataError(
-            f"{where}: is it form='matlab' (column 3 the angle, 4 the speed) or form='online' (column 3 the speed, 4 "
-            f"the angle)? Nothing in the file tells for certain: {why}; say which"
+            f"{where}: is its form matlab (column 3 the angle, 4 the speed) or online (column 3 the speed, 4 "
+            f"the angle)? Nothing in the file tells for certain: {why}; name the form"
         )
     return order

@@ -4,11 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from modlhmp.tracks import MAX_GAP_S, Tracks, positions_at, runs
+from modlhmp.tracks import LATE_STEPS, MAX_GAP_S, Tracks, positions_at, runs
 
 RADIUS_M = 6.0  # the corner of Social LSTM's grid is 5.7 m away, the other networks look 2 to 3 m far
 MOST = 5
-LATE_STEPS = 1.05  # how old a person's newest row may be: persons' clocks tick apart
 
 
 class Neighbours(NamedTuple):
@@ -32,7 +31,7 @@ def find_neighbours(everyone: Tracks, own_row: np.ndarray, observed_rows: int = 
     track_of = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
     t0, xy = table.t[own_row], np.column_stack([table.x, table.y])
     by_time = np.argsort(table.t, kind="stable")
-    low, high = (np.searchsorted(table.t[by_time], time, side="right") for time in (t0 - LATE_STEPS * step_s, t0))
+    low, high = (np.searchsorted(table.t[by_time], time, side="right") for time in (t0 - (1 + LATE_STEPS) * step_s, t0))
     walker = np.repeat(np.arange(n), high - low)
     row = by_time[runs(low, high - low)]
     other = track_of[row] != track_of[own_row[walker]]
@@ -59,7 +58,7 @@ def find_neighbours(everyone: Tracks, own_row: np.ndarray, observed_rows: int = 
     rows = np.column_stack([bounds[tracks], bounds[tracks + 1] - 1])
     seen = positions_at(table, rows, np.minimum(since, known), whose)
     seen += velocity[:, None] * np.maximum(since - known, 0.0)[..., None]
-    seen[since < (1.0 - LATE_STEPS) * step_s] = np.nan
+    seen[since < -LATE_STEPS * step_s] = np.nan
     found = Neighbours(np.full((n, MOST), -1), np.full((n, MOST, observed_rows, 2), np.nan))
     found.track[walker, rank] = track_of[row]
     found.xy[walker, rank] = seen

@@ -11,9 +11,7 @@ import numpy as np
 from modlhmp.forecasting.base import Forecast
 from modlhmp.scenes import Scenes
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks, gap_limit, usable_tracks
-
-LATE_STEPS = 0.05  # what clock jitter may take from a row's time, as of the seconds of truth
+from modlhmp.tracks import LATE_STEPS, Tracks, gap_limit, usable_tracks
 
 
 class Windows(NamedTuple):

@@ -15,7 +15,7 @@ from modlhmp.forecasting.windows import windows
 from modlhmp.inspection.draft import Listed, draft, time_step
 from modlhmp.inspection.facts import Facts, look_at, of_both_sides
 from modlhmp.inspection.folder import files_in, first_day, under
-from modlhmp.inspection.guess import MOST_STEP_S, Guess, days_of, guess, guess_people
+from modlhmp.inspection.guess import Guess, days_of, guess, guess_people
 from modlhmp.inspection.page import page
 from modlhmp.inspection.picture import draw, some_tracks, text_map
 from modlhmp.logs import progress
@@ -23,6 +23,7 @@ from modlhmp.plausibility import Finding
 from modlhmp.readers import read_recording
 from modlhmp.scoring.errors import truth_of
 from modlhmp.scoring.horizons import scored_horizons
+from modlhmp.site import MOST_STEP_S
 from modlhmp.split_checks import check_splits, trained_share
 from modlhmp.storage import DataError, write_text
 from modlhmp.tracks import Tracks, clock_hours, empty_tracks, together, usual_step

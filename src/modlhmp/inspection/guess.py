@@ -21,6 +21,7 @@ from modlhmp.readers import read_recording
 from modlhmp.readers.delimited import MAX_DISTANCE_M, SECONDS
 from modlhmp.readers.raw import People, open_raw
 from modlhmp.settings import check
+from modlhmp.site import MOST_STEP_S
 from modlhmp.speed_units import EXTENT_M, FOOT_M, USUAL_MPS, extent_of, rate_for
 from modlhmp.tracks import Tracks, usual_step
 
@@ -34,7 +35,6 @@ SCALES = (0.002, 0.3)  # metres that a pixel may have
 PLAUSIBLE_MPS = (0.5, 2.5)  # of a unit that is taken without asking
 CAMERAS = (25.0, 30.0, 15.0, 10.0, 9.0, 5.0, 2.5, 1.0)  # frames per second, the commonest first
 MOST_BACK, RARELY = 10.0, 0.1  # usual steps that times may go back; share of rows in which they do, or of people
-MOST_STEP_S = 60.0  # as the option `time_step_s` has it
 MOST_PX = 4100  # of an image's longer side
 
 

@@ -15,7 +15,7 @@ from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.storage import DataError
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import Tracks, clock_offsets, gap_limit, positions_at, runs, together, usable_tracks
+from modlhmp.tracks import LATE_STEPS, Tracks, clock_offsets, gap_limit, positions_at, runs, together, usable_tracks
 
 HELD_OUT_DAYS, HELD_OUT_BLOCKS = 0.2, 0.15  # shares, of `held_out: blocks`
 BLOCK_S, LEAST_BLOCKS = 1800.0, 20  # blocks are shorter where there would be too few
@@ -106,7 +106,7 @@ def training_windows(day: Day, futures: str, steps: int, observed_rows: int, ste
 
     With `futures` = "masked" a window needs one step of truth, with "full" all `steps`.
     """
-    t, needed = day.tracks.t, (1 if futures == "masked" else steps) - 0.05
+    t, needed = day.tracks.t, (1 if futures == "masked" else steps) - LATE_STEPS
     first, last = day.rows[:, 0], day.rows[:, 1]
     counts = last - first + 1 - observed_rows
     row = runs(first, counts)
@@ -254,7 +254,7 @@ def _neighbours_after(tracks, whose, t0, steps, step_s):
     when = (t0[who] - tracks.t[rows[of, 0]])[:, None] + step_s * np.arange(1, steps + 1)
     xy = positions_at(tracks, rows, when, of)
     duration = tracks.t[rows[of, 1]] - tracks.t[rows[of, 0]]
-    xy[when > duration[:, None] + 0.05 * step_s] = np.nan
+    xy[when > duration[:, None] + LATE_STEPS * step_s] = np.nan
     after[who, slot] = xy
     return after
 

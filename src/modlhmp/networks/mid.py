@@ -21,7 +21,7 @@ from modlhmp.streams import uniforms
 TIMES = 100  # diffusion times T
 BETA_FIRST, BETA_LAST = 1e-4, 0.05
 STRIDE = 20  # of DDIM: five denoising steps
-CHUNK = 2048  # paths denoised at once
+CHUNK = 128  # paths denoised at once: few enough for a processor's cache
 NoiseAt = Callable[[Tensor, Tensor], Tensor]  # (x_t, t) -> the noise in it
 
 

@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from modlhmp.floor_plan import FloorPlan, value_at
-from modlhmp.forecasting.windows import LATE_STEPS, Windows, usable
+from modlhmp.forecasting.windows import Windows, usable
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks, positions_at
+from modlhmp.tracks import LATE_STEPS, Tracks, positions_at
 
 IDLE_S = 5.0
 MIN_DEPTH_M = 0.3  # a path this deep inside occupied area is infeasible

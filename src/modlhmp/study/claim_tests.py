@@ -29,9 +29,8 @@ def _tc_cliff(one, titles, _kinds):
         for protocol in PROTOCOLS:
             gaps = [_means(one, "tc_cliff", "cliff", protocol, "ade", h) for h in one.horizons]
             lower = sum(ours < theirs for ours, theirs in gaps)
-            verdict = {len(gaps): "supported", 0: "contradicted"}.get(lower, "not at every horizon")
             text = f"{titles['tc_cliff']}'s ADE is lower at every horizon of {_list(one.horizons)} s"
-            yield _row(protocol, text, f"at {lower} of {len(gaps)}", verdict=verdict)
+            yield _row(protocol, text, f"at {lower} of {len(gaps)}", verdict="counted, not tested")
 
 
 def _stef(one, titles, _kinds):

@@ -24,12 +24,11 @@ from modlhmp.site import Site
 from modlhmp.splits import BLOCK_S, FOLDS, in_part
 from modlhmp.streams import stream_keys
 from modlhmp.time_step import HERE, ending_at
-from modlhmp.tracks import Tracks, gap_limit, positions_at, runs
+from modlhmp.tracks import LATE_STEPS, Tracks, gap_limit, positions_at, runs
 
 CELL_M = 1.0
 BINS = 10
 FILM = (1 / 6, 1 / 3, 2 / 3)  # of the horizon
-LATE_STEPS = 0.05  # what clock jitter may take from the end of a track
 ENOUGH, CLOSE = 200, 0.05  # cells of a bin that is judged, and how near to its probability is near enough
 KEYS = ["step", "bin", "block", "cell"]
 
@@ -76,8 +75,12 @@ def grid_of(tracks: Tracks) -> Grid:
 
 def steps_of(site: Site, horizons_s: Sequence[float]) -> np.ndarray:
     """The time steps at which occupancy is measured: the first, the horizons', and those of the film."""
-    film = [max(round(share * site.steps), 1) for share in FILM]
-    return np.unique([1, *film, *(round(one / site.time_step_s) for one in horizons_s)])
+    return np.unique([1, *film_steps(site.steps), *(round(one / site.time_step_s) for one in horizons_s)])
+
+
+def film_steps(steps: int) -> list[int]:
+    """The time steps that the film shows, of a horizon of so many."""
+    return [max(round(share * steps), 1) for share in FILM]
 
 
 def crowds(tracks: Tracks, site: Site, every_s: float, fold: int, steps: np.ndarray) -> Iterator[Crowd]:

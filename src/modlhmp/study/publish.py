@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from jinja2 import Environment, StrictUndefined
 from snakemake.utils import update_config
@@ -92,8 +93,10 @@ def _of_run(layout: Layout) -> dict[str, Any]:
         key = _key(row["dataset"], row["protocol"], row["horizon_s"], row["method"])
         found["scores"][key] = [_short(row[name]) for name in SCORE]
     for dataset in sorted(results["dataset"].unique()):
-        path = Path(layout.ladder(dataset, "differences"))
-        for row in read_parquet(path).to_pandas().to_dict("records") if path.exists() else []:
+        for row in _rows(layout.ladder(dataset, "scores")):  # also of methods that are only compared in it
+            key = _key(dataset, row["protocol"], row["horizon_s"], row["method"])
+            found["scores"].setdefault(key, [_short(row.get(name, np.nan)) for name in SCORE])
+        for row in _rows(layout.ladder(dataset, "differences")):
             key = _key(dataset, row["protocol"], row["horizon_s"], row["metric"], row["method"], row["against"])
             found["differences"][key] = [_short(row[name]) for name in DIFFERENCE]
     for name in TABLES:
@@ -102,6 +105,11 @@ def _of_run(layout: Layout) -> dict[str, Any]:
             table = pd.read_csv(path, dtype=str, keep_default_na=False).map(original)
             found["tables"][name] = {"columns": list(table.columns), "rows": table.to_numpy().tolist()}
     return found
+
+
+def _rows(table: str) -> list[dict[str, Any]]:
+    """Rows of a table of the ladder; none where a run has no ladder."""
+    return read_parquet(table).to_pandas().to_dict("records") if Path(table).exists() else []
 
 
 def render(template: str, numbers: Mapping[str, Any]) -> str:
@@ -118,10 +126,13 @@ class _Asked:
     def __init__(self, numbers: Mapping[str, Any]) -> None:
         self.runs = numbers["runs"]
 
-    def _find(self, kind: str, run: str, *key: Any) -> Any:
+    def _run(self, run: str) -> dict[str, Any]:
         if run not in self.runs:
             raise DataError(f"no run {run!r} among the numbers; there are {', '.join(self.runs)}")
-        if (name := _key(*key)) not in self.runs[run][kind]:
+        return self.runs[run]
+
+    def _find(self, kind: str, run: str, *key: Any) -> Any:
+        if (name := _key(*key)) not in self._run(run)[kind]:
             raise DataError(f"no number {name} among the {kind} of run {run!r}")
         return self.runs[run][kind][name]
 
@@ -135,7 +146,8 @@ class _Asked:
 
     def scored(self, *place: Any) -> str:
         """`861.4 of 883`: how many tracks were scored, of those eligible."""
-        return f"{self.score('n', *place):g} of {self.score('eligible', *place):,}"
+        n = f"{self.score('n', *place):,.1f}".removesuffix(".0")
+        return f"{n} of {self.score('eligible', *place):,}"
 
     def walls(self, *place: Any) -> str:
         """`0.9 %`: share of the forecasts that have been inside a wall."""
@@ -145,9 +157,10 @@ class _Asked:
     def less(self, *place: Any, digits: int = 2) -> str:
         """`-0.36 m (-0.55 to -0.18)` of (run, dataset, protocol, horizon, metric, method, against)."""
         values = dict(zip(DIFFERENCE, self._find("differences", *place), strict=True))
-        mean, low, high = (f"{values[name]:+.{digits}f}" for name in DIFFERENCE[:3])
+        mean, low, high = (values[name] for name in DIFFERENCE[:3])
+        interval = "no interval" if low is None else f"{low:+.{digits}f} to {high:+.{digits}f}"  # the same for everyone
         unknown = f", {values['n_unknown']} not forecast" if values["n_unknown"] else ""
-        return f"{mean} m ({low} to {high}{unknown})"
+        return f"{mean:+.{digits}f} m ({interval}{unknown})"
 
     def percent(self, *place: Any) -> str:
         """`-26 %`, as of `less`."""
@@ -175,7 +188,7 @@ class _Asked:
 
     def command(self, run: str) -> str:
         """What made a run."""
-        return self.runs[run]["command"]
+        return self._run(run)["command"]
 
     def table(self, run: str, name: str, columns: Sequence[str] = (), **where: str) -> str:
         """A table of a run as Markdown: some of its columns, of the rows where other columns hold these cells."""

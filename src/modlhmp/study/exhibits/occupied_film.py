@@ -9,7 +9,7 @@ from modlhmp.storage import read_parquet
 from modlhmp.study import lacks
 from modlhmp.study.exhibits import paths, style
 from modlhmp.study.layout import Layout
-from modlhmp.study.occupied import CELL_M, FILM
+from modlhmp.study.occupied import CELL_M, FILM, film_steps
 
 SHADES = LinearSegmentedColormap.from_list("occupied", ["#FFFFFF00", "#8FC7EA", "#0072B2", "#00243A"])
 LEAST = 0.01  # probability that is drawn
@@ -26,7 +26,7 @@ def draw(layout: Layout, dataset: Dataset, stem: str, title: str) -> None:
         style.empty_panel(ax, f"{dataset.title}\n{lacks.NOBODY}")
         style.save(fig, stem, table, dataset.demo)
         return
-    wanted = [max(round(share * dataset.steps), 1) * dataset.time_step_s for share in FILM]
+    wanted = np.array(film_steps(dataset.steps)) * dataset.time_step_s
     shown = table[np.isclose(table["at_s"].to_numpy()[:, None], [0.0, *wanted]).any(axis=1)]
     drawn = shown[(shown["p"] >= LEAST) | (shown["what"] == "person")]
     (low_x, low_y), (high_x, high_y) = ((getattr(drawn[["x", "y"]], end)()) for end in ("min", "max"))
