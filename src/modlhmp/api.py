@@ -37,7 +37,7 @@ from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.protocols import score as score_forecast
 from modlhmp.settings import as_plain, check, unknown
 from modlhmp.site import Site
-from modlhmp.storage import DataError, write_parquet
+from modlhmp.storage import DataError, boundary, write_parquet
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks, together
 from modlhmp.tracks import read_tracks as read_clean_tracks
@@ -212,7 +212,8 @@ def load_map(
     asked = {"site": site, "origin_m": origin_m, **how}
     if given := [name for name, value in asked.items() if value is not None]:
         raise DataError(f"load_map: {path}: {given[0]}: it holds its site and its frame itself; leave it out")
-    kind, plain, whole, hours = read_ours(path)
+    with boundary(path, "cannot be read as a map"):
+        kind, plain, whole, hours = read_ours(path)
     return Map(kind, site_from(plain, f"{path}: its site"), whole, hours)
 
 

@@ -24,18 +24,28 @@ _PROVENANCE = b"modlhmp"
 _SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64
 _NOT_AS_WRITTEN = "is not as it was written (its seal does not fit); delete it and make it again"
 _SEAL_OF_TEXT = re.compile(rb'"modlhmp\.seal": ?"')  # what stands before the seal in JSON
+_WIDTHS = {"BOOLEAN": 1, "INT32": 4, "FLOAT": 4}  # bytes of a value in memory; others have 8, or are held once
 _TEMPORARY = re.compile(r"\..+\.([1-9]\d*)\.part")  # a name that `atomic_path` gives: whose, and by which process
 _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
 }  # fmt: skip
 
 
+MOST_HELD, MOST_TIMES = 400_000_000, 10  # bytes that a file may stand for, or times its own size, if that is more
+MOST_MESSAGE = 4000  # characters
 UNFORESEEN = "if it is as it should be, this is a fault of modlhmp: please report it"
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
 
 
 class DataError(ValueError):
-    """Something is wrong with the user's data or settings; the message names file, row, value and remedy."""
+    """Something is wrong with the user's data or settings; the message names file, row, value and remedy.
+
+    A value may be a file's whole line: of a message without end the middle is left out.
+    """
+
+    def __init__(self, message: str = "") -> None:
+        half = MOST_MESSAGE // 2
+        super().__init__(message if len(message) <= MOST_MESSAGE else f"{message[:half]} [...] {message[-half:]}")
 
 
 @contextmanager
@@ -98,10 +108,15 @@ def column(table: pa.Table, name: str) -> np.ndarray:
     return np.from_dlpack(values.flatten() if pa.types.is_nested(values.type) else values)
 
 
-def read_parquet(path: str | Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a table; a missing or damaged file is a `DataError` that says how to get it back."""
+def read_parquet(
+    path: str | Path, columns: Sequence[str] | None = None, texts_once: Sequence[str] | None = None
+) -> pa.Table:
+    """Read a table; a missing or damaged file is a `DataError` that says how to get it back.
+
+    Columns `texts_once` are read as dictionaries, where others may have written texts of any length.
+    """
     with _damage(path):
-        return open_parquet(path).read(columns, use_threads=False)
+        return open_parquet(path, texts_once).read(columns, use_threads=False)
 
 
 def read_pieces(path: str | Path, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
@@ -113,12 +128,22 @@ def read_pieces(path: str | Path, columns: Sequence[str] | None = None) -> Itera
         yield piece
 
 
-def open_parquet(path: str | Path) -> pq.ParquetFile:
-    """Open a file whose seal is whole; one without our provenance has none."""
+def open_parquet(path: str | Path, texts_once: Sequence[str] | None = None) -> pq.ParquetFile:
+    """Open a file whose seal is whole, which one without our provenance has not, and that holds what can be held."""
     with _damage(path):
         status = os.stat(path)
         _check_seal(str(path), status.st_size, status.st_mtime_ns, status.st_ino)
-        return pq.ParquetFile(path)
+        return pq.ParquetFile(path, read_dictionary=texts_once)
+
+
+def check_held(path: str | Path, held: int) -> None:
+    """`DataError` where a file stands for so many bytes that it was made, or damaged, to fill memory."""
+    most = max(MOST_HELD, MOST_TIMES * os.stat(path).st_size)
+    if held > most:
+        raise DataError(
+            f"{path}: stands for {held / 1e6:,.0f} MB, over {most / 1e6:,.0f} MB and {MOST_TIMES} times its size, as "
+            "no measured numbers do; is it damaged? If it is meant, divide it"
+        )
 
 
 @contextmanager
@@ -136,9 +161,13 @@ def _damage(path: str | Path) -> Iterator[None]:
 @functools.lru_cache(maxsize=4096)
 def _check_seal(path: str, size: int, changed_ns: int, inode: int) -> None:
     """`DataError` where a file of ours is not as it was written; a file is looked at once."""
-    keys, (digest, place) = pq.read_metadata(path).metadata or {}, _digest(path)
+    about, (digest, place) = pq.read_metadata(path), _digest(path)
+    keys = about.metadata or {}
     if keys.get(_SEAL, b"").decode("ascii", "replace") != digest and (place or _PROVENANCE in keys):
         raise DataError(f"{path}: {_NOT_AS_WRITTEN}")
+    widths = [_WIDTHS.get(about.schema.column(place).physical_type, 8) for place in range(about.num_columns)]
+    groups = (about.row_group(number) for number in range(about.num_row_groups))
+    check_held(path, sum(wide * group.column(at).num_values for group in groups for at, wide in enumerate(widths)))
 
 
 def _seal(path: Path) -> None:
@@ -180,7 +209,7 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
         described = (open_parquet(path).schema_arrow.metadata or {}).get(_PROVENANCE, b"{}")
     try:
         found = json.loads(described)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DataError(f"{path}: its metadata are damaged ({error}); make it again") from None
     if not isinstance(found, dict):
         raise DataError(f"{path}: its metadata are damaged ({found!r} is not a mapping); make it again")
@@ -196,8 +225,13 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 def read_json(path: str | Path) -> dict[str, Any]:
     """The mapping that `write_json` wrote; a missing or damaged file is a `DataError` that says how to get it back."""
-    content = json.loads(read_sealed(path))
-    del content[_SEAL.decode()]
+    try:
+        content = json.loads(read_sealed(path))
+        del content[_SEAL.decode()]
+    except DataError:
+        raise
+    except (ValueError, TypeError, KeyError, RecursionError):
+        raise DataError(f"{path}: is no JSON that modlhmp has written; delete it and make it again") from None
     return content
 
 

@@ -10,7 +10,25 @@ import yaml
 from modlhmp.storage import DataError
 
 _MERGE = "tag:yaml.org,2002:merge"  # <<, of which there may be several
-MOST_CHARACTERS, MOST_VALUES = 1_000_000, 100_000
+MOST_CHARACTERS, MOST_VALUES, MOST_DEEP = 250_000, 100_000, 50
+
+
+class _Loader(yaml.SafeLoader):
+    """With a bound on values within values, so that whoever walks through them has one as well."""
+
+    deep = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """A value and what it holds."""
+        self.deep += 1
+        if self.deep > MOST_DEEP:
+            line = self.peek_event().start_mark.line + 1
+            raise DataError(
+                f"{self.name}, line {line}: nested too deep: at most {MOST_DEEP} values within values are read"
+            )
+        node = super().compose_node(parent, index)
+        self.deep -= 1
+        return node
 
 
 def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
@@ -20,11 +38,15 @@ def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
             text = file.read(MOST_CHARACTERS + 1)
         if len(text) > MOST_CHARACTERS:
             raise DataError(f"{path}: more than {MOST_CHARACTERS} characters, which {what} does not need; divide it")
-        written = yaml.compose(text, yaml.SafeLoader)
+        loader = _Loader(text)
+        loader.name = str(path)
+        written = loader.get_single_node()
         if (values := _values_in(written, {})) > MOST_VALUES:
             raise DataError(f"{path}: stands for {values:.3g} values, by aliases (*) of aliases; write fewer of them")
         _check_keys(path, written, set())
-        listed = _dates_as_text(yaml.safe_load(text))
+        listed = _dates_as_text(None if written is None else loader.construct_document(written))
+    except DataError:
+        raise
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
@@ -35,7 +57,7 @@ def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
     except (yaml.YAMLError, ValueError, OverflowError) as error:  # the last two: a date that does not exist
         raise DataError(f"{path}: not valid YAML: {str(error).splitlines()[0]}") from None
     except RecursionError:
-        raise DataError(f"{path}: not valid YAML: nested too deep, or an alias (*) within what it stands for") from None
+        raise DataError(f"{path}: not valid YAML: an alias (*) within what it stands for") from None
     if not isinstance(listed, dict):
         raise DataError(f"{path}: {what} is a mapping of keys, see config/README.md")
     return listed

@@ -5,21 +5,29 @@ What no error was foreseen for is one as well (`storage.boundary`), which says s
 
 import copy
 import errno
+import json
 import logging
 import os
 import re
 import resource
 import zipfile
+from datetime import datetime
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import modlhmp
+from modlhmp.cli import main
 from modlhmp.datasets import clean, load_dataset
 from modlhmp.exchange.maps import kind_in, read_tables
+from modlhmp.exchange.tracks import read_tracks_table
+from modlhmp.exchange.trajnet import read_predictions
+from modlhmp.inspection.guess import guess
 from modlhmp.logs import job_log
 from modlhmp.storage import (
     UNFORESEEN,
@@ -27,6 +35,8 @@ from modlhmp.storage import (
     atomic_path,
     boundary,
     read_json,
+    sealed,
+    unsealed,
     write_json,
     write_parquet,
     write_text,
@@ -247,3 +257,78 @@ def test_a_job_without_memory_or_room_ends_with_a_message(tmp_path, capsys, erro
     logging.getLogger().handlers[:] = handlers
     assert re.search(match, (tmp_path / "log").read_text())
     assert "Traceback" not in (tmp_path / "log").read_text()
+
+
+# --- found by fuzzing (test_fuzz.py), and mended as a kind ---------------------------------------------------
+
+
+@pytest.mark.parametrize("field", ["f", "p", "x", "prediction_number", "scene_id"])
+def test_a_whole_number_of_hundreds_of_digits_in_json(write, field):
+    track = {"f": 4, "p": 0, "x": 1, "y": 1, "prediction_number": 0, "scene_id": 0, field: 10**400}
+    with pytest.raises(DataError, match=r"f\.ndjson, row 1: .*NaN, or as large"):
+        read_predictions(write(json.dumps({"track": track}), "f.ndjson"), 4, 8)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [pa.array([datetime(2012, 10, 24)]), pa.array([b"\xff"]), pa.array([True]), pa.array([2**60 + 1]), pa.array([[1]])],
+)
+@pytest.mark.parametrize("name", ["track_id", "x"])
+def test_a_column_of_parquet_of_another_type(tmp_path, name, values):
+    columns = {**dict.fromkeys(("track_id", "t", "x", "y"), pa.array([1.0])), name: values}
+    pq.write_table(pa.table(columns), tmp_path / "t.parquet")
+    try:
+        read_tracks_table(tmp_path / "t.parquet")
+    except DataError as error:
+        assert re.search(rf"t\.parquet: column {name} is ", told(error))
+
+
+@pytest.mark.parametrize("encoding", ["foo", "utf-7", "big5", "utf-16"])
+def test_xml_in_another_encoding(write, encoding):
+    path = write(f'<?xml version="1.0" encoding="{encoding}"?><map></map>', "m.xml")
+    with pytest.raises(DataError, match=r"m\.xml: (cannot be decoded|line 1: not XML|no CLiFF-map)") as error:
+        modlhmp.load_map(path, "xml", site=modlhmp.Site())
+    told(error.value)
+
+
+@pytest.mark.parametrize(
+    ("form", "row"), [("stef_csv", "0,0,1e308,1e308\n"), ("matlab", "0,0,1,1,.1,0,0,.1,1e308,1,1\n" * 2)]
+)
+def test_weights_whose_sum_is_no_number(write, form, row):
+    with pytest.raises(DataError, match=r"m\.csv: row 1: weight 1e\+308 is above 1e\+09"):
+        modlhmp.load_map(write(row, "m.csv"), form, site=modlhmp.Site())
+
+
+@pytest.mark.parametrize(
+    "line", ["1", "[1]", '{"track": 1, "scene": {"fps": [1]}}', '{"scene": {"fps": {}}, "a": 1}', "[" * 9000]
+)
+def test_lines_of_json_that_are_no_tracks(write, line):
+    with pytest.raises(DataError, match=r"a\.ndjson") as error:
+        guess(write(f'{{"track": {{}}}}\n{line}\n{line}\n', "a.ndjson"))
+    told(error.value)
+
+
+def test_a_message_about_a_line_without_end_has_one():
+    """It keeps its beginning, with the file's name, and its end, with the remedy."""
+    message = str(DataError("a.csv: " + "b" * 100_000 + "; remedy"))
+    assert len(message) < 5000
+    assert message.startswith("a.csv: bb") and " [...] " in message and message.endswith("bb; remedy")
+
+
+@pytest.mark.parametrize("content", ["[1]", '"a"', "{", "[" * 5000, "{}"])
+def test_sealed_json_of_something_else(tmp_path, content):
+    text = json.dumps(unsealed())[:-1] + ', "a": 1}' if content == "{}" else content
+    (tmp_path / "a.json").write_bytes(sealed((f"{text} " + json.dumps(unsealed())).encode()))
+    with pytest.raises(DataError, match=r"a\.json: is no JSON that modlhmp has written; delete it and make it again"):
+        read_json(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize("value", ["[" * 5000, "2001-13-01", "{", "&a [*a]"])
+def test_options_that_are_no_values(tmp_path, capsys, monkeypatch, value):
+    rows = str(tmp_path / "rows")
+    for verb in (["live", "--map", "no.parquet", rows], ["map", "info", "no.parquet"]):
+        monkeypatch.setattr("sys.argv", ["modlhmp", *verb, "--set", f"k={value}"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 1
+        assert told(capsys.readouterr().err)

@@ -2,16 +2,29 @@
 
 import contextlib
 import gzip
+import io
+import sqlite3
 import time
 import zipfile
 
+import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 
+import modlhmp
+from modlhmp.cli import main
+from modlhmp.exchange import cliff_xml, columns, rows
+from modlhmp.exchange.forecasts import read_samples
+from modlhmp.exchange.hand_in import read_sheet
+from modlhmp.exchange.tracks import read_tracks_table
 from modlhmp.file_format import Columns, FileFormat
 from modlhmp.floor_plan import load_floor_plan
+from modlhmp.inspection.guess import guess
 from modlhmp.readers import raw, read_recording
+from modlhmp.readers.numerals import number
 from modlhmp.readers.start import MOST_COLUMNS
 from modlhmp.storage import DataError
 from modlhmp.yaml_file import read_yaml
@@ -126,14 +139,19 @@ BOMB = "a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
     [
         (BOMB, r"a\.yaml: stands for .* values, by aliases"),
         ("a: &a {b: [*a]}\n", "alias .* within what it stands for"),
-        ("a: " + "[" * 20_000, "nested too deep|not valid YAML"),
-        ("a: " + "x" * 1_000_001, "more than 1000000 characters"),
+        ("a:\n b: " + "[" * 20_000, r"a\.yaml, line 2: nested too deep: at most 50 values within values"),
+        ("a: " + "x" * 250_001, "more than 250000 characters"),
     ],
 )
 def test_yaml_that_stands_for_more_than_it_holds_is_refused(tmp_path, text, match):
     (tmp_path / "a.yaml").write_text(text)
     with pytest.raises(DataError, match=match):
         read_yaml(tmp_path / "a.yaml", "a dataset")
+
+
+def test_yaml_as_deep_as_allowed_is_read(tmp_path):
+    (tmp_path / "a.yaml").write_text("a: " + "[" * 48 + "]" * 48)
+    assert str(read_yaml(tmp_path / "a.yaml", "a dataset")["a"]) == "[" * 48 + "]" * 48
 
 
 def test_yaml_with_aliases_is_read(tmp_path):
@@ -151,3 +169,141 @@ def test_a_plan_s_cells_do_not_depend_on_the_bands_it_is_read_in(tmp_path, monke
     for pixels in (1, 70, 1000):
         monkeypatch.setattr("modlhmp.floor_plan._BAND_PIXELS", pixels)
         np.testing.assert_array_equal(load_floor_plan(tmp_path / "plan.yaml").cells, whole)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"[" * 200_000 + b",x,y\n1,2,3\n",
+        b"\n" * 200_000 + b"1,2,3\n",
+        b" " * 200_000 + b"x\n",
+        b"9" * 200_000 + b"x,1,2\n",
+    ],
+)
+@pytest.mark.parametrize("end", [b"", GOOD])
+def test_looking_at_a_file_takes_time_in_proportion(write, text, end):
+    """Names, blanks and digits without end: their square was looked at."""
+    began = time.process_time()
+    with contextlib.suppress(DataError):
+        guess(write(text + end))
+    with contextlib.suppress(DataError):
+        read_recording(write(text + end), FORMS["csv"])
+    assert number("9" * 200_000 + "x") is None
+    assert time.process_time() - began < 20
+
+
+# --- maps, forecasts and tracks of others -------------------------------------------------------------------
+
+
+def foreign_map(path, form):
+    return modlhmp.load_map(path, form, site=modlhmp.Site())
+
+
+def test_a_map_s_file_has_a_limit(write, monkeypatch):
+    monkeypatch.setattr(rows, "MOST_BYTES", 1 << 20)
+    for form in ("stef_csv", "xml", None):
+        with pytest.raises(DataError, match=r"m\.csv: more than 1 MiB, .* give it as Parquet"):
+            foreign_map(write(b"1,2,3,4\n" * 140_000, "m.csv"), form)
+
+
+def test_a_map_from_a_stream_has_the_same_limit(monkeypatch, capsys):
+    monkeypatch.setattr(rows, "MOST_BYTES", 1 << 10)
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"1,2,3,4\n" * 200)))
+    monkeypatch.setattr("sys.argv", ["modlhmp", "map", "info", "-", "--form", "stef_csv"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "standard input: more than 0 MiB" in capsys.readouterr().err
+
+
+def test_columns_of_a_map_have_a_limit(write):
+    with pytest.raises(DataError, match=r"m\.csv: row 2 has 401 columns; at most 400 are read"):
+        foreign_map(write(b"\n" + b",".join([b"1"] * 401) + b"\n", "m.csv"), "stef_csv")
+
+
+def test_tags_of_a_map_have_a_limit(write, monkeypatch):
+    monkeypatch.setattr(cliff_xml, "MOST_TAGS", 100)
+    with pytest.raises(DataError, match=r"m\.xml: more than 100 tags: give so large a map as CSV or Parquet"):
+        foreign_map(write(b"<map>" + b"<a/>" * 100 + b"</map>", "m.xml"), "xml")
+
+
+@pytest.mark.parametrize(("header", "match"), [("a," * 5_000, "a"), ("x," * 5_000, "two columns are called x")])
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_columns_of_forecasts_are_looked_at_before_they_are_read(tmp_path, monkeypatch, suffix, header, match):
+    path = tmp_path / f"f{suffix}"
+    if suffix == ".csv":
+        path.write_text(f"{header}\n")
+        monkeypatch.setattr(columns.pc, "read_csv", None)
+    else:
+        names = header.split(",")[:-1]
+        pq.write_table(pa.table([pa.array([1.0])] * len(names), names=names), path)
+        monkeypatch.setattr(columns, "read_parquet", None)
+    with pytest.raises(DataError, match=rf"{path.name}.*{match}"):
+        read_samples(path, 1.0)
+
+
+def test_a_name_within_quotes_is_one_column(write):
+    with pytest.raises(DataError, match=r"f\.csv.*x,y"):
+        read_samples(write(b'track_id,step,"x,y"\n1,1,1\n', "f.csv"), 1.0)
+
+
+def test_parquet_that_stands_for_more_than_can_be_held_is_refused(tmp_path):
+    """Ten million times the same number are stored in a few kB."""
+    path, ones = tmp_path / "f.parquet", pa.array(np.ones(15_000_000))
+    pq.write_table(pa.table(dict.fromkeys(("track_id", "step", "x", "y"), ones)), path)
+    assert path.stat().st_size < 1_000_000
+    for read in (lambda: read_samples(path, 1.0), lambda: read_tracks_table(path), lambda: modlhmp.load_map(path)):
+        with pytest.raises(DataError, match=r"f\.parquet: stands for 480 MB, over 400 MB and 10 times its size"):
+            read()
+
+
+def test_a_text_of_parquet_that_stands_for_many_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(columns, "MOST_TEXT_BYTES", 1 << 20)
+    ones = pa.array(np.ones(9_000))
+    for length in (10, 1_000):
+        texts = pa.DictionaryArray.from_arrays(pa.array(np.zeros(9_000, np.int32)), pa.array(["a" * length]))
+        table = {"track_id": texts.cast(pa.string()), "t": pa.array(np.arange(9_000.0)), "x": ones, "y": ones}
+        pq.write_table(pa.table(table), tmp_path / "t.parquet")
+        if length == 10:
+            assert list(read_tracks_table(tmp_path / "t.parquet")[1].values()) == ["a" * 10]
+    with pytest.raises(DataError, match=r"t\.parquet: column track_id has more than 1 MiB of text; shorten it"):
+        read_tracks_table(tmp_path / "t.parquet")
+
+
+def test_a_sheet_has_a_limit(write):
+    with pytest.raises(DataError, match=r"f\.json: more than 1,000,000 bytes"):
+        read_sheet(write(b'{"task": [' + b"[]," * 400_000 + b"0]}", "f.json"))
+
+
+# --- databases ----------------------------------------------------------------------------------------------
+
+ENDLESS = (
+    "CREATE VIEW trajectory_data AS WITH RECURSIVE c(n) AS (SELECT 0 UNION ALL SELECT n + 1 FROM c) "
+    "SELECT n AS id, n AS frame, 0.0 AS pos_x, 0.0 AS pos_y FROM c"
+)
+WITHOUT_ROWS = ENDLESS + " WHERE n < 0"
+COMPUTED = "CREATE TABLE trajectory_data (id INTEGER, frame INTEGER, pos_x REAL, pos_y AS (hex(zeroblob(400000000))))"
+
+
+@pytest.mark.parametrize(
+    ("made", "match"), [(ENDLESS, "interrupted"), (WITHOUT_ROWS, "interrupted"), (COMPUTED, "computed, not stored")]
+)
+def test_a_database_that_computes_its_rows_is_refused(tmp_path, made, match):
+    began = time.process_time()
+    with contextlib.closing(sqlite3.connect(tmp_path / "a.sqlite")) as file:
+        file.execute("CREATE TABLE metadata (key TEXT, value TEXT)")
+        file.execute("INSERT INTO metadata VALUES ('fps', '10')")
+        file.execute(made)
+        if made == COMPUTED:
+            file.execute("INSERT INTO trajectory_data VALUES (1, 1, 1.0)")
+        file.commit()
+    with pytest.raises(DataError, match=rf"a\.sqlite: .*{match}"):
+        read_recording(tmp_path / "a.sqlite", FileFormat(reader="jupedsim", timezone="UTC"))
+    assert time.process_time() - began < 5
+
+
+def test_fill_values_of_hdf5_are_not_made(tmp_path):
+    kind = np.dtype([("id", "i8"), ("frame", "i8"), ("x", "f8"), ("y", "f8")])
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("trajectory", (100_000_000,), kind, chunks=(1000,)).attrs["fps"] = 10.0
+    with pytest.raises(DataError, match=r"a\.h5: stands for 12,000 MB, over 400 MB"):
+        read_recording(tmp_path / "a.h5", FileFormat(reader="hdf5", timezone="UTC"))

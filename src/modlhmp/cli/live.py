@@ -110,7 +110,7 @@ def _forecaster(map_file: Path, horizon_s: float | None, exits: Path | None, opt
             raise DataError(f"--set {one!r}: give NAME=VALUE, such as k=20")
         try:
             given[name] = yaml.safe_load(value)
-        except yaml.YAMLError:
+        except (yaml.YAMLError, ValueError, RecursionError):
             raise DataError(f"--set {one!r}: {value!r} is no number and no word") from None
     ways_out = None if exits is None else load_map(exits)
     return Live(load_map(map_file), horizon_s, **{"exits": ways_out, **given})

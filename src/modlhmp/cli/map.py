@@ -15,7 +15,7 @@ from modlhmp.cli.app import app
 from modlhmp.exchange import maps as exchange
 from modlhmp.exchange.forms import BY_NAME, recognise
 from modlhmp.exchange.parquet import PARQUET
-from modlhmp.exchange.rows import Source, table_text
+from modlhmp.exchange.rows import read_source, table_text
 from modlhmp.maps import stef
 from modlhmp.maps.base import box_of
 from modlhmp.maps.columns import METADATA, described
@@ -238,7 +238,7 @@ def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] |
     if path != STREAM:
         ours = exchange.is_parquet(path, form)
         return api.load_map(path, form, site=None if ours else site, origin_m=origin, **how)
-    source = Source("standard input", sys.stdin.buffer.read(), exchange.origin_of(origin))
+    source = read_source("standard input", sys.stdin.buffer, exchange.origin_of(origin))
     found = form or recognise(source)
     if found == PARQUET:
         raise DataError("standard input: Parquet is not read from a stream: give the file")
@@ -255,7 +255,7 @@ def _options(given: list[str] | None) -> dict[str, Any]:
             raise typer.BadParameter(f"{one!r}: give NAME=VALUE, such as resolution_m=0.5")
         try:
             found[name] = json.loads(f"[{value}]" if "," in value else value)
-        except ValueError:
+        except (ValueError, RecursionError):
             found[name] = value
     return found
 

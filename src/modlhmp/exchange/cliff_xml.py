@@ -21,6 +21,7 @@ from modlhmp.storage import DataError
 LIMITS = ("x_min", "x_max", "y_min", "y_max")
 COMPONENT = ("P", "M/th", "M/r", "Cov/e_11", "Cov/e_12", "Cov/e_21", "Cov/e_22")
 MOST_DEEP = 30  # tags within tags; a map has 6
+MOST_TAGS = 1_000_000  # in all, of about 60,000 locations; more would fill memory
 EDGE = 1e-6  # of a step
 
 
@@ -28,12 +29,14 @@ def parse(source: Source) -> Element:
     """The tree of an XML file, each element's `line` among its attributes; entities are refused, not expanded."""
     check_content(source)
     where = source.name
-    parser, builder, depth = expat.ParserCreate(), TreeBuilder(), 0
-    parser.buffer_text = True
+    parser, builder, depth, tags = expat.ParserCreate(), TreeBuilder(), 0, 0
+    parser.buffer_text = parser.ordered_attributes = True  # attributes are not looked at: a list is smallest
 
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
+    def start(tag: str, _attributes: list[str]) -> None:
+        nonlocal depth, tags
+        depth, tags = depth + 1, tags + 1
+        if tags > MOST_TAGS:
+            raise DataError(f"{where}: more than {MOST_TAGS:,} tags: give so large a map as CSV or Parquet")
         if depth > MOST_DEEP:
             raise DataError(f"{where}: line {parser.CurrentLineNumber}: tags within tags, deeper than any map")
         builder.start(tag, {"line": str(parser.CurrentLineNumber)})
@@ -52,6 +55,10 @@ def parse(source: Source) -> Element:
         parser.Parse(source.data, True)
     except expat.ExpatError as error:
         raise DataError(f"{where}: line {error.lineno}: not XML ({expat.ErrorString(error.code)})") from None
+    except DataError:
+        raise
+    except (LookupError, ValueError) as error:  # of a name that is no encoding's, or of one of several bytes a letter
+        raise DataError(f"{where}: cannot be decoded ({error}); save it as UTF-8") from None
     return builder.close()
 
 

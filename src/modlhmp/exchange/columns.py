@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,8 +12,10 @@ import pyarrow.csv as pc
 from pyarrow import compute
 
 from modlhmp.settings import unknown
-from modlhmp.storage import DataError, atomic_path, read_parquet, write_pieces
+from modlhmp.storage import DataError, atomic_path, open_parquet, read_parquet, write_pieces
 
+MOST_HEADER = 10_000  # characters; the names of all columns there are take a hundred
+MOST_TEXT_BYTES = 1 << 28  # of a column of Parquet, in which a text that stands a million times is stored once
 STREAM = "-"  # in place of a path: standard input or output
 
 
@@ -25,11 +27,7 @@ def read_columns(path: str | Path, types: Mapping[str, pa.DataType], empty: Coll
     remedy.
     """
     table = _parquet(path, types) if Path(path).suffix == ".parquet" else _csv(path, types)
-    for name in table.column_names:
-        if table.column_names.count(name) > 1:
-            raise DataError(f"{path}: two columns are called {name}; keep one")
-        if name not in types:
-            raise DataError(unknown(str(path), "column", name, types))
+    _check_names(path, table.column_names, types)
     for place, name in enumerate(table.column_names):
         values = table[name]
         if name in empty:
@@ -72,9 +70,20 @@ def _write_csv(tables: Iterable[pa.Table], file: IO[bytes]) -> None:
     file.flush()
 
 
+def _check_names(path: str | Path, names: Sequence[str], types: Mapping[str, pa.DataType]) -> None:
+    """Before anything is read: a file may have millions of columns."""
+    for place, name in enumerate(names):
+        if name not in types:
+            raise DataError(unknown(str(path), "column", name[:100], types))
+        if name in names[:place]:
+            raise DataError(f"{path}: two columns are called {name}; keep one")
+
+
 def _csv(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
     source: Any = sys.stdin.buffer if path == STREAM else str(path)
     try:
+        if path != STREAM and (names := _header(path)) != [""]:
+            _check_names(path, names, types)
         return pc.read_csv(
             source,
             pc.ReadOptions(use_threads=False),  # so that errors say the row
@@ -100,11 +109,15 @@ def _explained(path: str | Path, error: str, names: list[str]) -> str:
 
 def _header(path: str | Path) -> list[str]:
     with open(path, encoding="utf-8-sig", errors="replace") as file:
-        return [name.strip('"') for name in file.readline().rstrip("\r\n").split(",")]
+        return [name.strip('"') for name in file.readline(MOST_HEADER).rstrip("\r\n").split(",")]
 
 
 def _parquet(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
-    table = read_parquet(path)
+    schema = open_parquet(path).schema_arrow
+    _check_names(path, schema.names, types)
+    table = read_parquet(
+        path, texts_once=[one.name for one in schema if _is_text(one.type) or pa.types.is_binary(one.type)]
+    )
     for place, field in enumerate(table.schema):
         wanted = types.get(field.name, field.type)
         if pa.types.is_nested(field.type) or (pa.types.is_floating(wanted) and _is_text(field.type)):
@@ -112,8 +125,25 @@ def _parquet(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
         values = table.column(place)
         if pa.types.is_floating(field.type):
             values = compute.if_else(compute.is_nan(values), None, values)
-        table = table.set_column(place, field.name, values.cast(wanted))
+        if pa.types.is_dictionary(field.type) and _text_bytes(values) > MOST_TEXT_BYTES:
+            raise DataError(
+                f"{path}: column {field.name} has more than {MOST_TEXT_BYTES >> 20} MiB of text; shorten it"
+            )
+        try:
+            table = table.set_column(place, field.name, values.cast(wanted))
+        except pa.ArrowException as error:
+            reason = str(error).splitlines()[0]
+            raise DataError(f"{path}: column {field.name} is {field.type}, not {wanted} ({reason})") from None
     return table
+
+
+def _text_bytes(values: pa.ChunkedArray) -> int:
+    """Bytes of a column of texts that are stored once, if each stood where it is meant."""
+    return sum(
+        compute.sum(compute.binary_length(part.dictionary).take(part.indices)).as_py() or 0
+        for part in values.chunks
+        if _is_text(part.dictionary.type)
+    )
 
 
 def _is_text(of: pa.DataType) -> bool:

@@ -12,14 +12,13 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 
 from modlhmp.exchange import cliff_csv, cliff_xml, stef_forms
 from modlhmp.exchange.parquet import MAGIC, PARQUET
-from modlhmp.exchange.rows import Rows, Source, check_content, read_rows
+from modlhmp.exchange.rows import MOST_COLUMNS, Rows, Source, check_content, read_rows
 from modlhmp.options import StefBuilding
 from modlhmp.settings import Metres, option, unknown
 from modlhmp.storage import DataError
 
 Edges = Annotated[tuple[float, ...], MinLen(2), MaxLen(2)]
 Repaired = dict[str, int]
-MOST_COLUMNS = 400  # of a table; more are histograms
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,6 +25,7 @@ from modlhmp.settings import check, option
 from modlhmp.storage import DataError, write_text
 
 FORMS = (".csv", ".parquet", ".ndjson")
+MOST_SHEET_BYTES = 1_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +92,13 @@ def hand_in_files(folder: str | Path, dataset: str) -> tuple[Path, Path]:
 def read_sheet(path: str | Path) -> Sheet:
     """The JSON file of a hand-in."""
     try:
-        plain = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+        with open(path, "rb") as file:
+            text = file.read(MOST_SHEET_BYTES + 1)
+        if len(text) > MOST_SHEET_BYTES:
+            raise DataError(f"{path}: more than {MOST_SHEET_BYTES:,} bytes, which a sheet of two keys cannot have")
+        plain = json.loads(text.decode("utf-8-sig"))
+    except DataError:
+        raise
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path}: cannot be read as JSON ({error}); correct it") from None
     return check(Sheet, plain, path)

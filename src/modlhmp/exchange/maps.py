@@ -16,6 +16,7 @@ from modlhmp.exchange import stef_forms
 from modlhmp.exchange.forms import FORMS, Form, Repaired, find_form, recognise
 from modlhmp.exchange.parquet import PARQUET, is_parquet
 from modlhmp.exchange.rows import Source
+from modlhmp.exchange.rows import read_source as read_stream
 from modlhmp.maps import stef
 from modlhmp.maps.base import DAY, hour_files
 from modlhmp.settings import check
@@ -144,7 +145,8 @@ def origin_of(origin_m: Any) -> tuple[float, float]:
 def read_source(path: str | Path, origin: tuple[float, float] = (0.0, 0.0)) -> Source:
     """A file's bytes; `DataError` where there is none."""
     try:
-        return Source(str(path), Path(path).read_bytes(), origin)
+        with open(path, "rb") as file:
+            return read_stream(str(path), file, origin)
     except FileNotFoundError:
         raise DataError(f"{path}: no such file") from None
     except OSError as error:

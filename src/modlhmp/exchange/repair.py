@@ -20,7 +20,7 @@ MOST_TURNS = 4  # of a heading; what is beyond is in degrees
 FASTEST_M_S = 20.0  # of a mean speed; beyond is another unit
 USUAL_M_S = 5.0  # of half of the mean speeds
 WIDEST = 1e4  # of a variance of headings [rad2] or speeds [m2/s2]; public maps have up to 22
-MOST = 1e9  # observations
+MOST = 1e9  # of a weight, or of observations
 UNEQUAL = 1e-3  # how far weights of a location may be from 1 in sum, by rounding
 DIGITS = 1e-3  # of an angle that a file rounds
 ROUNDING = 1e-6  # of what is stored as float32, relative
@@ -57,6 +57,7 @@ def cliff_table(
 def _check(found: Components) -> None:
     """Refuse what no repair can make right."""
     found.refuse(found.weight < 0, "weight {weight} is negative; are the columns in another order?")
+    found.refuse(found.weight > MOST, f"weight {{weight}} is above {MOST:g}; are the columns in another order?")
     degrees = "heading {heading} rad is more than 4 turns: in degrees? Or are speed and heading in the other order?"
     found.refuse(np.abs(found.heading) > MOST_TURNS * TWO_PI, degrees)
     unit = "mean speed {speed} m/s: in another unit, such as cm/s, or another column?"

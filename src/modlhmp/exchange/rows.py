@@ -1,12 +1,17 @@
 """Rows of numbers of other people's text files: every row as long as the first, every field a finite number."""
 
-from typing import NamedTuple
+import io
+from array import array
+from collections.abc import Iterator
+from typing import IO, NamedTuple
 
 import numpy as np
 
 from modlhmp.readers.numerals import number
 from modlhmp.storage import DataError
 
+MOST_BYTES = 32 << 20  # of a map's file, such as 350,000 components
+MOST_COLUMNS = 400  # of a table; more are histograms
 LFS = b"version https://git-lfs"  # how a pointer begins that Git LFS leaves in a file's place
 
 
@@ -24,6 +29,17 @@ class Rows(NamedTuple):
     values: np.ndarray
     number: np.ndarray
     header: tuple[str, ...]
+
+
+def read_source(name: str, file: IO[bytes], origin: tuple[float, float] = (0.0, 0.0)) -> Source:
+    """The bytes of a map's file; `DataError` where they are more than a map's, all of which are held at once."""
+    data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise DataError(
+            f"{name}: more than {MOST_BYTES >> 20} MiB, the most of a map in this form: is it a map? Make it with a "
+            "larger distance between its locations, or give it as Parquet"
+        )
+    return Source(name, data, origin)
 
 
 def check_content(source: Source) -> None:
@@ -44,6 +60,13 @@ def text_of(source: Source) -> str:
         raise DataError(f"{source.name}: not a text file (byte {error.start}), nor Parquet") from None
 
 
+def lines_of(source: Source) -> Iterator[tuple[int, str]]:
+    """(number from 1, text) of each line that is not blank, one after the other: all at once may be gigabytes."""
+    for row, line in enumerate(io.StringIO(text_of(source), newline=None), 1):
+        if line.strip():
+            yield row, line
+
+
 def read_rows(source: Source) -> Rows:
     """The numbers of a comma-separated file, with or without a header; blank lines are skipped.
 
@@ -51,26 +74,26 @@ def read_rows(source: Source) -> Rows:
     """
     where = source.name
     header: tuple[str, ...] = ()
-    values: list[list[float]] = []
-    numbers: list[int] = []
-    for row, line in enumerate(text_of(source).splitlines(), 1):
-        if not line.strip():
-            continue
+    values, numbers, width = array("d"), array("q"), 0
+    for row, line in lines_of(source):
+        if (columns := line.count(",") + 1) > MOST_COLUMNS:
+            raise DataError(f"{where}: row {row} has {columns} columns; at most {MOST_COLUMNS} are read")
         fields = [field.strip().strip('"') for field in line.split(",")]
         if not values and not header and all(number(field) is None for field in fields):
             header = tuple(fields)
             continue
-        width = len(values[0]) if values else len(header)
+        width = width or len(header)
         if width and len(fields) != width:
             raise DataError(
                 f"{where}: row {row} has {len(fields)} columns, the rows before it {width}; is it damaged, or are "
                 "two files in one?"
             )
-        values.append([finite(field, f"{where}: row {row}, column {at}") for at, field in enumerate(fields, 1)])
+        width = len(fields)
+        values.extend(finite(field, f"{where}: row {row}, column {at}") for at, field in enumerate(fields, 1))
         numbers.append(row)
     if not values:
         raise DataError(f"{where}: it has no rows: the map is empty; was it built from enough data?")
-    return Rows(np.array(values), np.array(numbers), header)
+    return Rows(np.array(values).reshape(-1, width), np.array(numbers), header)
 
 
 def finite(field: str, where: str) -> float:

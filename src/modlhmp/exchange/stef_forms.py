@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from modlhmp.exchange.components import Components, moved
 from modlhmp.exchange.lattice import lattice_step
-from modlhmp.exchange.rows import Rows, Source, finite, read_rows, table_text, text_of
+from modlhmp.exchange.rows import Rows, Source, finite, lines_of, read_rows, table_text
 from modlhmp.maps import fremen
 from modlhmp.maps.stef import DAY_S, evaluate, middle_of_hour
 from modlhmp.site import Site
@@ -23,6 +23,7 @@ from modlhmp.tracks import clock_offsets
 
 SHARES = 10_000  # a histogram that we write counts so many in a cell; readers hold them in 16 bits
 MOST_HEADINGS = 360
+MOST_WEIGHT = 1e9
 LATEST_S = 1e11  # of a time in unix s: the year 5138
 Hours = dict[int, pa.Table]
 
@@ -34,7 +35,7 @@ def read_csv(source: Source, resolution_m: float | None) -> tuple[pa.Table, dict
     if not 2 <= orientations <= MOST_HEADINGS:
         raise DataError(f"{where}: {orientations + 2} columns: give x, y and a weight for each of 2 directions or more")
     weights = rows.values[:, 2:]
-    _refuse_negative(rows, weights, where)
+    _check_weights(rows, weights, where)
     cells = _cells(rows, source)
     first = np.arange(len(cells.x))
     step = lattice_step(cells, first, resolution_m)
@@ -111,16 +112,14 @@ def _histogram_lines(source: Source, shape: tuple[int, ...], box: Any) -> tuple[
     """Starts [T] and counts [T, cells of x * cells of y * orientations] of a file's lines."""
     where, starts, counts = source.name, [], []
     wanted = int(np.prod(shape))
-    for row, line in enumerate(text_of(source).splitlines(), 1):
-        if not line.strip():
-            continue
-        start, *fields = line.split(",")
-        if len(fields) != wanted:
+    for row, line in lines_of(source):
+        if (found_here := line.count(",")) != wanted:
             raise DataError(
-                f"{where}: row {row} has {len(fields)} numbers after its time: x {list(box.x)}, y {list(box.y)}, "
+                f"{where}: row {row} has {found_here} numbers after its time: x {list(box.x)}, y {list(box.y)}, "
                 f"resolution_m {box.resolution_m:g} and {box.orientations} orientations make "
                 f"{' x '.join(map(str, shape))} = {wanted}; give the box that the file was made with"
             )
+        start, *fields = line.split(",")
         try:
             found = np.array(fields, np.int32)
         except (ValueError, OverflowError):
@@ -186,7 +185,8 @@ def _cells(rows: Rows, source: Source) -> Components:
     )
 
 
-def _refuse_negative(rows: Rows, weights: np.ndarray, where: str) -> None:
-    if (bad := weights < 0).any():
-        row, at = np.argwhere(bad)[0]
-        raise DataError(f"{where}: row {rows.number[row]}: weight {weights[row, at]:g} is negative")
+def _check_weights(rows: Rows, weights: np.ndarray, where: str) -> None:
+    for bad, what in ((weights < 0, "negative"), (weights > MOST_WEIGHT, f"above {MOST_WEIGHT:g}")):
+        if bad.any():
+            row, at = np.argwhere(bad)[0]
+            raise DataError(f"{where}: row {rows.number[row]}: weight {weights[row, at]:g} is {what}")

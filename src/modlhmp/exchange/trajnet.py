@@ -116,8 +116,14 @@ def _one_line(path: str | Path, number: int, line: bytes) -> Iterator[tuple[floa
     for name in FIELDS:
         if not isinstance(track.get(name), int | float) or isinstance(track[name], bool):
             raise DataError(f"{where}: {name} {track.get(name)!r} of a prediction is no number; correct it")
-    if not np.isfinite([float(track[name]) for name in FIELDS]).all():
-        raise DataError(f"{where}: {line[:120].decode(errors='replace')!r}: NaN; a future that has ended has no rows")
+    try:
+        finite = np.isfinite([float(track[name]) for name in FIELDS]).all()
+    except OverflowError:  # a whole number of hundreds of digits
+        finite = False
+    if not finite:
+        raise DataError(
+            f"{where}: {line[:120].decode(errors='replace')!r}: NaN, or as large; a future that has ended has no rows"
+        )
     if track["scene_id"] != int(track["scene_id"]):
         raise DataError(f"{where}: scene_id {track['scene_id']!r} is no whole number; it is a scene of the task")
     if track["p"] == track["scene_id"]:

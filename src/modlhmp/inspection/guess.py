@@ -23,6 +23,7 @@ from modlhmp.readers.raw import People, open_raw
 from modlhmp.settings import check
 from modlhmp.site import MOST_STEP_S
 from modlhmp.speed_units import EXTENT_M, FOOT_M, USUAL_MPS, extent_of, rate_for
+from modlhmp.storage import boundary
 from modlhmp.tracks import Tracks, usual_step
 
 _RATE = re.compile(r"(?:frame ?-?rate|fps)\D{0,3}(\d+(?:\.\d+)?)", re.I)
@@ -55,6 +56,11 @@ class Guess:
 
 def guess(path: str | Path) -> Guess:
     """How a file is written; `DataError` where no form gives people who move."""
+    with boundary(path, "cannot be looked at"):
+        return _guess(path)
+
+
+def _guess(path: str | Path) -> Guess:
     with open_raw(path) as file:
         head = file.read(1 << 16)
     if known := _known_form(head):
@@ -137,7 +143,7 @@ def _known_form(head: bytes) -> Guess | None:
         return Guess({"reader": "jupedsim"})
     if head.startswith(b"\x89HDF"):
         return Guess({"reader": "hdf5"})
-    if re.search(r"^\s*(Properties|TRACK)\.R\d+\s*=", text, re.M):
+    if re.search(r"^[ \t]*(Properties|TRACK)\.R\d+[ \t]*=", text, re.M):
         asks = {"frame_rate": "of the Edinburgh Forum, about 9", "scale": "of the Edinburgh Forum"}
         return Guess({"reader": "edinburgh", "frame_rate": 9.0, "scale": 0.0247}, asks)
     if text.startswith("FILE_ID,"):
@@ -145,12 +151,12 @@ def _known_form(head: bytes) -> Guess | None:
     if text.startswith("{"):
         try:
             objects = [json.loads(line) for line in text.splitlines()[:-1] or [text] if line.strip()]
-        except ValueError:
+        except (ValueError, RecursionError):
             return None
-        if not any("track" in one for one in objects):
+        if not all(isinstance(one, dict) for one in objects) or not any("track" in one for one in objects):
             return None
-        rates = {one["scene"].get("fps") for one in objects if isinstance(one.get("scene"), dict)}
-        if len(rates - {None}) == 1:
+        scenes = [one["scene"] for one in objects if isinstance(one.get("scene"), dict)]
+        if len({scene["fps"] for scene in scenes if isinstance(scene.get("fps"), int | float)}) == 1:
             return Guess({"reader": "trajnet"})
         return Guess({"reader": "trajnet", "frame_rate": 0.0}, {"frame_rate": "no scene says it: " + _NEAR})
     return None

@@ -29,6 +29,7 @@ _ROLE = {name: role for role, names in _NAMES.items() for name in names.split()}
 _BOXES = {"x": "bbleft left xmin bbx xtl boxleft x1", "y": "bbtop top ymin bby ytl boxtop y1"}  # upper left corners
 _BOX = {name: role for role, names in _BOXES.items() for name in names.split()}
 _HEIGHTS = {"z", "posz", "zpos", "positionz", "coordcentz", "zest"}
+MOST_NAME = 200  # characters of a column's name that are looked at: a search for its unit may take their square
 _UNIT = re.compile(
     r"[\s_/(\[]+(?:in\s+)?(mm|cm|km/h|kmh|m/s|ms|us|ns|degrees|deg|rad|pixels?|px|ft|feet|km|m|s)[)\]\s]*$",
     re.IGNORECASE,
@@ -97,6 +98,7 @@ def values_of(sheet: Sheet) -> Values:
 
 def name_and_unit(name: str) -> tuple[str, str]:
     """A column's name without its unit, case and signs, and the unit: `x/cm` -> x, cm."""
+    name = name[:MOST_NAME]
     match = _UNIT.search(name)
     unit = match[1].lower() if match and match.start() > 0 else ""
     plain = name[: match.start()] if unit and match else name

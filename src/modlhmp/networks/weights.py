@@ -31,9 +31,20 @@ def read_weights(path: str | Path) -> tuple[dict[str, torch.Tensor], dict[str, A
         with safe_open(path, "pt") as file:
             settings = json.loads(file.metadata()[seal][len(zeros) :])
             weights = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - it is no mapping
-    except (SafetensorError, OSError, TypeError, KeyError, ValueError):
+        infinite = [name for name, numbers in weights.items() if not torch.isfinite(numbers).all()]
+        if not isinstance(settings, dict):
+            raise TypeError
+    except (
+        SafetensorError,
+        OSError,
+        TypeError,
+        KeyError,
+        ValueError,
+        RuntimeError,
+    ):  # the last: of types, of recursion
         raise DataError(f"{path}: cannot be read as weights; delete it and run again") from None
-    for name, numbers in weights.items():
-        if not torch.isfinite(numbers).all():
-            raise DataError(f"{path}: {name} holds NaN or infinity, which no forecast can use; delete it and run again")
+    if infinite:
+        raise DataError(
+            f"{path}: {infinite[0]} holds NaN or infinity, which no forecast can use; delete it and run again"
+        )
     return weights, settings

@@ -1,5 +1,7 @@
 """JuPedSim's SQLite trajectories, and the HDF5 files of the Pedestrian Dynamics Data Archive."""
 
+import contextlib
+import itertools
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -7,22 +9,39 @@ from typing import Any
 import numpy as np
 
 from modlhmp.account import Account
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, check_held
 from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
+
+ROWS_AT_ONCE, STEPS_AT_ONCE, STEPS_PER_BYTE = 10_000, 100_000, 10  # of SQLite's machine: about one for a byte
+ROW_BYTES = 120  # of a row from the file to its track
 
 
 def read_sqlite(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
     """Read a JuPedSim file into rows sorted by track and time; positions in m, headings unknown."""
     try:
-        with sqlite3.connect(f"{Path(path).resolve().as_uri()}?mode=ro", uri=True) as file:
-            rows = np.array(file.execute("SELECT id, frame, pos_x, pos_y FROM trajectory_data").fetchall(), float)
+        with contextlib.closing(sqlite3.connect(f"{Path(path).resolve().as_uri()}?mode=ro", uri=True)) as file:
+            # A view, or a column that is computed, could go on for ever; the rows of a table take a few steps each.
+            steps = itertools.count(1)
+            most = STEPS_PER_BYTE * Path(path).stat().st_size // STEPS_AT_ONCE
+            file.set_progress_handler(lambda: next(steps) > most, STEPS_AT_ONCE)
+            (computed,) = file.execute("SELECT count(*) FROM pragma_table_xinfo('trajectory_data') WHERE hidden > 0")
+            if computed[0]:
+                raise DataError(
+                    f"{path}: columns of trajectory_data are computed, not stored; write them as plain ones"
+                )
+            cursor = file.execute("SELECT id, frame, pos_x, pos_y FROM trajectory_data")
+            parts = [np.array(part, float) for part in iter(lambda: cursor.fetchmany(ROWS_AT_ONCE), [])]
+            rows = np.concatenate([np.empty((0, 4)), *parts])
             found = file.execute("SELECT value FROM metadata WHERE key = 'fps'").fetchone()
-    except sqlite3.Error as error:
+            rate = float(found[0]) if found else None
+    except DataError:
+        raise
+    except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
         raise DataError(f"{path}: cannot be read as a JuPedSim file ({error})") from None
-    if found is None or not rows.size:
+    if rate is None or not rows.size:
         raise DataError(f"{path}: {'no `fps` in its metadata' if rows.size else 'no rows in trajectory_data'}")
-    return _tracks(path, rows.reshape(-1, 4), float(found[0]), origin, day)
+    return _tracks(path, rows, rate, origin, day)
 
 
 def read_hdf5(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
@@ -34,11 +53,14 @@ def read_hdf5(path: str | Path, origin: float, day: tuple[float, float] | None =
     try:
         with h5py.File(path, "r") as file:
             table: Any = file["trajectory"]
-            rate = table.attrs["fps"]
+            rate = float(table.attrs["fps"])
+            check_held(path, ROW_BYTES * table.size)
             rows = np.column_stack([np.asarray(table[name], float) for name in ("id", "frame", "x", "y")])
-    except (OSError, KeyError, ValueError, AttributeError) as error:
+    except DataError:
+        raise
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
         raise DataError(f"{path}: cannot be read as an archive's HDF5 file ({error})") from None
-    return _tracks(path, rows, float(rate), origin, day)
+    return _tracks(path, rows, rate, origin, day)
 
 
 def _tracks(path, rows, rate, origin, day):

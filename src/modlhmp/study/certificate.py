@@ -19,7 +19,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
-from modlhmp.storage import DataError, file_sha256, read_json, read_metadata
+from modlhmp.storage import DataError, boundary, file_sha256, read_json, read_metadata
 from modlhmp.study.layout import Layout
 
 PACKAGE = Path(__file__).parents[1]
@@ -149,7 +149,8 @@ def verify(layout: Layout, other: str | Path | None) -> tuple[dict[str, list[str
         what = "since the certificate was written: "
         return changed, what + (verdict(changed, len(own["outputs"])) if not changed else
                                 f"{len(changed['outputs'])} of {len(own['outputs'])} outputs have changed")  # fmt: skip
-    found = differences(own, read_json(other))
+    with boundary(other, "cannot be read as a certificate"):
+        found = differences(own, read_json(other))
     return found, f"{other}: {verdict(found, len(own['outputs']))}"
 
 
