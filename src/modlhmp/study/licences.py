@@ -55,9 +55,9 @@ def licence(package: Locked) -> str:
         return ELSEWHERE
     if about["Version"].partition("+")[0] != package.version:
         return ELSEWHERE
-    said = about.get("License-Expression", "")
-    classified = [one.split(" :: ")[-1] for one in about.get_all("Classifier", []) if one.startswith("License :: ")]
-    lines = [line.strip() for line in about.get("License", "").splitlines() if line.strip(" =")]
+    said, whole = ("".join(about.get_all(name) or []) for name in ("License-Expression", "License"))
+    classified = [one.split(" :: ")[-1] for one in about.get_all("Classifier") or [] if one.startswith("License :: ")]
+    lines = [line.strip() for line in whole.splitlines() if line.strip(" =")]
     written = lines[0] if lines and lines[0] != "UNKNOWN" else ""
     return said or ", ".join(classified) or written or _from_file(package.name) or "says nothing"
 
