@@ -11,7 +11,7 @@ export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
 export PYTHONHASHSEED ?= 0
 
 .PHONY: help environment reproduce test test-full torture lint lock bench paper-size results certify verify \
-    settings unlock clean
+    settings licences unlock clean
 
 help:                     ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -69,6 +69,9 @@ verify: environment      ## whether RUN's files are still those, and those of AG
 
 settings: environment    ## schemas and the tables of config/README.md, from the typed settings
 	$(BIN)/python -m modlhmp.study.describe
+
+licences: environment    ## docs/licences.md of all locked packages, and sbom.json (CycloneDX 1.6) for a release
+	$(BIN)/python -m modlhmp.study.licences
 
 unlock: environment      ## remove the lock that a killed run has left, if no run is at work
 	$(BIN)/python -m modlhmp.study.running

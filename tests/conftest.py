@@ -1,6 +1,8 @@
-"""What all tests share: the real recordings where there are any, shipped dataset files, small raw files."""
+"""What all tests share: the real recordings where there are any, shipped dataset files, small raw files; no network."""
 
+import ipaddress
 import os
+import sys
 from pathlib import Path
 
 import hypothesis
@@ -16,6 +18,32 @@ ROOT = Path(__file__).parents[1]
 # Reproducible on every machine: the same examples in every run, and no time limits.
 hypothesis.settings.register_profile("modlhmp", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("modlhmp")
+
+
+class NetworkError(RuntimeError):
+    """A test asked for the network."""
+
+
+def _only_this_machine(event, arguments):
+    """Tests need no network: whoever looks a name up, or connects to another machine, is stopped."""
+    if event in ("socket.connect", "socket.sendto") and isinstance(arguments[1], tuple):
+        host = arguments[1][0]
+    elif event in ("socket.getaddrinfo", "socket.gethostbyname"):
+        host = arguments[0]
+    else:
+        return
+    name = host.decode() if isinstance(host, bytes) else host
+    if name in (None, "", "localhost"):
+        return
+    try:
+        here = ipaddress.ip_address(name).is_loopback or ipaddress.ip_address(name).is_unspecified
+    except ValueError:
+        here = False
+    if not here:
+        raise NetworkError(f"{event}: {name}: tests use this machine only")
+
+
+sys.addaudithook(_only_this_machine)
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,8 @@ import pyarrow as pa
 from modlhmp.api import build_map, load_map
 from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.observe import Observed, observe
-from modlhmp.forecasting.windows import usable
+from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.forecasting.windows import usable, windows
 from modlhmp.kinds import Kind, all_kinds
 from modlhmp.methods import forecaster_of
 from modlhmp.settings import check, fields_of
@@ -32,12 +33,15 @@ OUTPUTS = ("ranked", "median", "medoid", "modes", "mean", "single")
 SITE = Site(timezone="Europe/London", hours=(7, 9), horizon_s=STEPS)
 
 
-def crowd(people: int = 80, seconds: int = 20) -> Tracks:
-    """Made-up tracks, 1 Hz: people who walk along a corridor both ways, side by side, at two hours of a day."""
+def crowd(people: int = 80, seconds: int = 20, apart_s: float = 40.0) -> Tracks:
+    """Made-up tracks, 1 Hz: people who walk along a corridor both ways, side by side, at two hours of a day.
+
+    One comes `apart_s` after the other: by default nobody meets anybody.
+    """
     rng, parts = np.random.default_rng(0), []
     for person in range(people):
         way, t = 1.0 if person % 2 else -1.0, np.arange(seconds, dtype=float)
-        began = 1.3e9 + 40.0 * person + 3600.0 * (person >= people // 2)
+        began = 1.3e9 + apart_s * person + 3600.0 * (person >= people // 2)
         x = way * (rng.normal(1.2, 0.1) * t - 10.0) + rng.normal(0, 0.03, seconds)
         y = rng.normal(0, 0.5) + rng.normal(0, 0.03, seconds)
         speed, heading = np.full(seconds, np.nan), np.full(seconds, np.nan)
@@ -49,21 +53,27 @@ def crowd(people: int = 80, seconds: int = 20) -> Tracks:
 def check_kind(kind: Kind, tracks: Tracks | None = None, site: Site = SITE, **options: Any) -> None:
     """Check everything that the workflow and the library rely on; `options` are a method's, where defaults will not do.
 
-    `tracks` (by default `crowd()`) are what its map is built from and whom it forecasts. A network is built, but not
-    trained: its loss must be a finite number on some scenes.
+    `tracks` (by default `crowd()`) are what its map is built from and whom it forecasts. A network is built, and
+    trained for three steps: its loss must be a finite number on some scenes.
     """
     check_record(kind)
+    meeting = crowd(apart_s=0.3) if tracks is None else tracks
     tracks = crowd() if tracks is None else tracks
     chosen: Any = check(kind.options, options, f"options of {kind.name}")
     if kind.learned:
-        return check_network(kind, chosen, tracks, site)
+        return check_blind(check_network(kind, chosen, tracks, site), meeting, site, getattr(chosen, "k", 1), True)
     if kind.forecasts is None:
         return None
-    if not kind.has_map:
-        return check_forecaster(forecaster_of(kind, None, site, chosen), tracks, site, kind.random)
-    a_map = build_map(kind.name, tracks, site)
-    exits = build_map_of_exits(tracks, site) if kind.sampled and chosen.exits else None
-    check_forecaster(forecaster_of(kind, a_map.model(chosen), site, chosen, exits), tracks, site, kind.random)
+    model = exits = a_map = None
+    if kind.has_map:
+        a_map = build_map(kind.name, tracks, site)
+        model = a_map.model(chosen)
+        exits = build_map_of_exits(tracks, site) if kind.sampled and chosen.exits else None
+    forecaster = forecaster_of(kind, model, site, chosen, exits)
+    check_forecaster(forecaster, tracks, site, kind.random)
+    check_blind(forecaster, meeting, site, FUTURES)
+    if a_map is None:
+        return None
     with TemporaryDirectory() as folder:
         path = Path(folder) / kind.map_file
         a_map.save(path)
@@ -109,6 +119,31 @@ def check_forecaster(forecaster: Forecaster, tracks: Tracks, site: Site, random:
     assert random or not changed, "the kind says that it is not `random`, but the keys change its forecasts"
 
 
+def check_blind(forecaster: Forecaster, tracks: Tracks, site: Site, k: int, learned: bool = False) -> None:
+    """Forecasts of a recording are the same to the bit whatever comes after t0.
+
+    At some moments everyone's later rows, neighbours' of a network too, are made noise, then taken away but for one.
+    """
+    site = dataclasses.replace(site, forecast_every_s=None)
+    wanted, rng = windows(tracks, site), np.random.default_rng(2)
+
+    def asked_at(moment: float, known: Tracks) -> list[tuple[int, np.ndarray, Forecast]]:
+        of = np.isin(known.track_id, wanted.track_id[wanted.t0 <= moment])
+        others = [known.take(~of)] if learned else None
+        return list(forecast_recording(known.take(of), forecaster, site, ("contract",), k, (0,), others))
+
+    for moment in np.quantile(wanted.t0, (0.1, 0.5, 0.9), method="nearest"):
+        late = tracks.t > moment
+        noise = (np.where(late, part + rng.normal(0, 20, len(late)), part) for part in tracks[2:])
+        changed = Tracks(tracks.track_id, tracks.t, *noise)
+        goes_on = late & np.append(False, late[:-1] & (tracks.track_id[1:] == tracks.track_id[:-1]))
+        whole = asked_at(moment, tracks)
+        for other in (changed, changed.take(~goes_on)):  # without any later row it would not be forecast
+            for (_, ids, ours), (_, others, theirs) in zip(whole, asked_at(moment, other), strict=True):
+                assert np.array_equal(ids, others), "whom it forecasts depends on what comes after t0"
+                _same(ours, theirs, "a forecast depends on what comes after t0")
+
+
 def check_forecast(forecast: Forecast, observed: Observed, steps: int) -> None:
     """The form of a `Forecast` of these walkers."""
     n, k = forecast.xy.shape[:2]
@@ -133,8 +168,8 @@ def check_forecast(forecast: Forecast, observed: Observed, steps: int) -> None:
         assert not moved.any(), "a future that has stopped moves; hold it at its last alive position"
 
 
-def check_network(kind: Kind, options: Any, tracks: Tracks, site: Site) -> None:
-    """A network is built from its options, has a finite loss, and forecasts."""
+def check_network(kind: Kind, options: Any, tracks: Tracks, site: Site) -> Forecaster:
+    """A network is built from its options, has a finite loss, and forecasts; returns the forecaster."""
     import torch  # noqa: PLC0415 - only networks need it
 
     scenes = import_module("modlhmp.networks.data")
@@ -149,14 +184,18 @@ def check_network(kind: Kind, options: Any, tracks: Tracks, site: Site) -> None:
     network.prepare(batch)
     loss = network.loss(batch)
     assert loss.ndim == 0 and torch.isfinite(loss), f"{kind.name}: the loss is {loss}, a finite scalar is needed"
-    forecasts = import_module(str(kind.forecasts))
+    optimiser = network.optimiser(0.01)
+    for _ in range(3):  # so that weights that begin as zeros are none
+        optimiser.zero_grad()
+        network.loss(batch).backward()
+        optimiser.step()
+    forecaster = import_module(str(kind.forecasts)).forecaster(network.eval(), site, options)
     observed = observe(tracks, usable(tracks, site), site.observed_rows)
     alone = observed._replace(neighbours=np.full((len(observed.track_id), 5, site.observed_rows, 2), np.nan))
     k = getattr(options, "k", 1)
-    futures = forecasts.forecaster(network.eval(), site, options)(
-        alone, site.steps, stream_keys(observed.track_id, k, 0, "contract")
-    )
+    futures = forecaster(alone, site.steps, stream_keys(observed.track_id, k, 0, "contract"))
     check_forecast(futures, observed, site.steps)
+    return forecaster
 
 
 def build_map_of_exits(tracks: Tracks, site: Site) -> pa.Table:

@@ -277,6 +277,8 @@ def _check_dataset(path: str | Path, file: DatasetFile, label: str) -> None:
     for source in file.sources:
         if not re.match("https?://", source.url):
             raise DataError(f"{path}: sources: {source.url!r} is no address that begins with http:// or https://")
+        if Path(source.file).is_absolute() or ".." in Path(source.file).parts:
+            raise DataError(f"{path}: sources: file {source.file!r} is not below `data_root`; name a file there")
         if source.sha256 is not None and not re.fullmatch("[0-9a-f]{64}", source.sha256):
             raise DataError(f"{path}: sources: sha256 {source.sha256!r} is not 64 hexadecimal digits")
 

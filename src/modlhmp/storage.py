@@ -1,5 +1,7 @@
 """Files with their provenance, Parquet and JSON: written under a temporary name, then renamed, so none is ever half.
 
+Not after a loss of power either: what is renamed is on disk (`put_in_place`).
+
 Each carries a seal, the SHA-256 of its own bytes with zeros where the seal stands: a single bit that differs anywhere,
 in numbers, names or footer, is an error. Parquet's page checksums would not cover names, types and metadata.
 """
@@ -11,7 +13,7 @@ import json
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -35,6 +37,7 @@ MOST_HELD, MOST_TIMES = 400_000_000, 10  # bytes that a file may stand for, or t
 MOST_MESSAGE = 4000  # characters
 UNFORESEEN = "if it is as it should be, this is a fault of modlhmp: please report it"
 _NO_ROOM = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
+_NO_SYNC = {errno.EINVAL, errno.ENOTSUP, errno.EACCES}  # of folders, on some network drives, or that may not be read
 
 
 class DataError(ValueError):
@@ -291,12 +294,13 @@ class atomic_path:  # noqa: N801 - reads as a verb in `with atomic_path(path) as
         self, kind: type[BaseException] | None, value: BaseException | None, traceback: TracebackType | None
     ) -> None:
         try:
-            if kind is None:
-                self.temporary.replace(self.path)
-                return
-            self.temporary.unlink(missing_ok=True)
+            if value is None:
+                put_in_place(self.temporary, self.path)
         except OSError as error:
-            value = value or error
+            raise self._unwritten(error) from None
+        finally:
+            with suppress(OSError):
+                self.temporary.unlink(missing_ok=True)
         if isinstance(value, OSError) and (value.errno in _NO_ROOM or str(self.temporary) == str(value.filename)):
             raise self._unwritten(value) from None
 
@@ -305,6 +309,30 @@ class atomic_path:  # noqa: N801 - reads as a verb in `with atomic_path(path) as
         remedy = "make room" if error.errno in _NO_ROOM else "see that the folder may be written to"
         reason = os.strerror(error.errno) if error.errno else str(error)
         return DataError(f"{self.path}: cannot be written ({reason}); {remedy}, then run again")
+
+
+def put_in_place(temporary: Path, path: Path) -> None:
+    """Give a written file its name, in place of what has it; the two are in one folder.
+
+    Its bytes are on disk before and its name after: a loss of power leaves what was there, or the whole new file, and
+    what is done stays done.
+    """
+    _sync(temporary)
+    temporary.replace(path)
+    try:
+        _sync(path.parent)
+    except OSError as error:
+        if error.errno not in _NO_SYNC:
+            raise
+
+
+def _sync(path: Path) -> None:
+    """Wait until a file, or what stands in a folder, is on disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def remove_leftovers(*folders: str | Path) -> list[Path]:

@@ -20,8 +20,8 @@ from modlhmp.settings import option
 
 OUTSIDE = Path(__file__).parents[1] / "outside/walking/src"
 SMALL = {  # networks of a size that is built at once
-    "lstm": {"hidden": 8, "embedding": 4},
-    "social_lstm": {"hidden": 8, "embedding": 4},
+    "lstm": {"hidden": 8},
+    "social_lstm": {"hidden": 8},
     "trajectronpp": {"decoder": 8},
     "tutr": {"modes": 4, "width": 16},
     "mid": {"context": 8},
@@ -41,9 +41,12 @@ def registered(monkeypatch):
 
 
 @pytest.mark.parametrize("kind", BUILT_IN, ids=lambda kind: kind.name)
-def test_built_in_kinds_keep_it(kind):
-    known = {field.name for field in dataclasses.fields(kind.options)}
-    check_kind(kind, **{name: value for name, value in SMALL.get(kind.name, {}).items() if name in known})
+def test_built_in_kinds_keep_it(kind, monkeypatch):
+    """And are asked whether they are blind to the future, those without a forecaster elsewhere (`test_blind.py`)."""
+    blind, asked = contract.check_blind, []
+    monkeypatch.setattr(contract, "check_blind", lambda *given: asked.append(kind) or blind(*given))
+    check_kind(kind, **SMALL.get(kind.name, {}))
+    assert bool(asked) == (kind.name not in {"exits", "average", "forecasts"})
 
 
 @pytest.mark.parametrize("output", ["medoid", "modes"])

@@ -441,6 +441,12 @@ def test_what_cannot_be_fetched_is_refused(load, source):
     refused(load, "sources: ", list(source.values())[-1], sources=[{"file": "a.csv", **source}])
 
 
+@pytest.mark.parametrize("file", ["../a.csv", "/etc/cron.d/a.csv", "days/../../a.csv"])
+def test_a_download_goes_nowhere_but_below_data_root(load, file):
+    """Whoever wrote the dataset file would else write anywhere."""
+    refused(load, f"sources: file {file!r} is not below `data_root`", sources=[{"file": file, "url": "https://x/a"}])
+
+
 @pytest.mark.parametrize("polygons", [[], [[[0, 0], [1, 1]]], [[[0, 0], [1, 1], [2]]], [[0, 0], [1, 1], [2, 0]]])
 def test_an_area_is_made_of_corners(load, polygons):
     refused(load, "area door: polygons must be", areas=[{"title": "door", "colour": "red", "polygons": polygons}])

@@ -87,3 +87,23 @@ def test_whole_days_are_divided(write):
     assert [one.split for one in divided("d.yaml", days)] == ["train"] * 3 + ["test"] * 2
     with pytest.raises(DataError, match=r"d\.yaml: split: \{by: day\}: there is one day only, 2030-01-01"):
         divided("d.yaml", days[:1])
+
+
+BY_PERSON = {"atc_1day": {"2012-10-24"}}  # a day of which one file has some people and another one the others
+
+
+def test_no_day_and_no_file_of_a_shipped_dataset_trains_and_tests(config_folder, load_shipped, tmp_path):
+    """But where its file says by which moment, or by whom, it is divided."""
+    files = sorted((config_folder / "datasets").glob("*.yaml"))
+    assert len(files) > 12
+    shared = {}
+    for file in files:
+        recordings = load_shipped(file.stem, tmp_path).recordings
+        train, test = ([one for one in recordings if one.split == side] for side in ("train", "test"))
+        assert train and test, file.stem
+        shared[file.stem] = {one.day for one in train if one.day} & {one.day for one in test}
+        assert all(
+            one.chosen is not None and one.chosen == other.chosen
+            for one in train for other in test if one.path == other.path
+        ), file.stem  # fmt: skip
+    assert {name: days for name, days in shared.items() if days} == BY_PERSON

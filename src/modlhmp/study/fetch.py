@@ -19,7 +19,7 @@ from modlhmp.cleaning import source_of
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.readers import read_recording
 from modlhmp.splits import only_of
-from modlhmp.storage import DataError, file_sha256, read_json, write_json, write_text
+from modlhmp.storage import DataError, file_sha256, put_in_place, read_json, write_json, write_text
 
 BACKOFF = 1.0  # seconds before the first retry, doubled before each further one, where the server names none
 LONGEST_WAIT = 300.0  # seconds that a server may ask for; a job that sleeps for longer looks as if it had died
@@ -76,7 +76,7 @@ def fetch(
             part.unlink()
             note.unlink(missing_ok=True)
             raise
-        part.replace(path)
+        put_in_place(part, path)
         note.unlink(missing_ok=True)
     if sums:
         record_sum(found, name or os.path.relpath(path, Path(sums).parent), sums)

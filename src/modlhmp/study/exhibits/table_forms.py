@@ -39,6 +39,12 @@ def _markdown(table):
 def _latex(table, note):
     """Booktabs of a DataFrame; **bold** becomes textbf."""
     escape = {
+        "\\": r"\textbackslash{}",
+        "{": r"\{",
+        "}": r"\}",
+        "$": r"\$",
+        "^": r"\^{}",
+        "~": r"\~{}",
         "&": r"\&",
         "%": r"\%",
         "_": r"\_",
@@ -59,7 +65,7 @@ def _latex(table, note):
     width = len(table.columns)
     label = [rf"\multicolumn{{{width}}}{{l}}{{\footnotesize {cell(DEMO_NOTE)}}} \\"] if DEMO_NOTE in note else []
     return "\n".join(
-        [f"% {note}", rf"\begin{{tabular}}{{{'l' * width}}}", r"\toprule",
+        [f"% {' '.join(note.split())}", rf"\begin{{tabular}}{{{'l' * width}}}", r"\toprule",
          body[0], r"\midrule", *body[1:], r"\bottomrule", *label, r"\end{tabular}", ""]
     )  # fmt: skip
 
