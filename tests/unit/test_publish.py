@@ -83,6 +83,16 @@ def test_a_table_of_results_has_titles_spread_and_n(numbers):
     )
 
 
+def test_only_what_templates_ask_for_is_kept(numbers):
+    template = (
+        "{{ errors('real', 'hall', 'complete', 5, 'cliff') }} {{ results('real', 'hall', 'paper', [60], 'cvm') }}"
+    )
+    kept = publish.asked_for([template], numbers)
+    assert list(kept["runs"]["real"]["scores"]) == ["hall/complete/5/cliff", "hall/paper/60/cvm"]
+    assert not kept["runs"]["real"]["tables"]
+    assert publish.render(template, kept) == publish.render(template, numbers)
+
+
 @pytest.mark.parametrize(
     ("asked", "message"),
     [

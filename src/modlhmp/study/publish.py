@@ -114,17 +114,38 @@ def _rows(table: str) -> list[dict[str, Any]]:
 
 def render(template: str, numbers: Mapping[str, Any]) -> str:
     """A page of its template; `DataError` for a number that no run made."""
-    page = Environment(undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True)
+    return _filled(template, _Asked(numbers))
+
+
+def asked_for(templates: Iterable[str], numbers: Mapping[str, Any]) -> dict[str, Any]:
+    """The numbers that templates ask for, alone: what nobody reads is not kept."""
     asked = _Asked(numbers)
+    for template in templates:
+        _filled(template, asked)
+    runs = {
+        run: {
+            kind: {name: one for name, one in found.items() if (run, kind, name) in asked.found}
+            if kind in ("scores", "differences", "tables")
+            else found
+            for kind, found in parts.items()
+        }
+        for run, parts in numbers["runs"].items()
+    }
+    return {**numbers, "runs": runs}
+
+
+def _filled(template: str, asked: "_Asked") -> str:
+    page = Environment(undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True)
     names = ("errors", "scored", "score", "walls", "less", "percent", "table", "results", "command")
-    return page.from_string(template).render(commit=numbers["commit"], **{name: getattr(asked, name) for name in names})
+    return page.from_string(template).render(commit=asked.commit, **{name: getattr(asked, name) for name in names})
 
 
 class _Asked:
     """What a template may ask for."""
 
     def __init__(self, numbers: Mapping[str, Any]) -> None:
-        self.runs = numbers["runs"]
+        self.runs, self.commit = numbers["runs"], numbers["commit"]
+        self.found: set[tuple[str, str, str]] = set()
 
     def _run(self, run: str) -> dict[str, Any]:
         if run not in self.runs:
@@ -134,6 +155,7 @@ class _Asked:
     def _find(self, kind: str, run: str, *key: Any) -> Any:
         if (name := _key(*key)) not in self._run(run)[kind]:
             raise DataError(f"no number {name} among the {kind} of run {run!r}")
+        self.found.add((run, kind, name))
         return self.runs[run][kind][name]
 
     def score(self, what: str, *place: Any) -> float:
@@ -210,11 +232,14 @@ def unmade(template: str) -> list[str]:
     return [found for found in _DECIMAL.findall(_MADE.sub(" ", template)) if found.lstrip("+-") not in constants]
 
 
+def templates() -> dict[Path, str]:
+    """{page: its template}."""
+    return {PAGES / file.name: file.read_text(encoding="utf-8") for file in sorted(TEMPLATES.glob("*.md"))}
+
+
 def pages(numbers: Mapping[str, Any]) -> dict[Path, str]:
     """{page: its text} of every template."""
-    return {
-        PAGES / file.name: render(file.read_text(encoding="utf-8"), numbers) for file in sorted(TEMPLATES.glob("*.md"))
-    }
+    return {page: render(template, numbers) for page, template in templates().items()}
 
 
 def _key(*parts: Any) -> str:
@@ -240,7 +265,8 @@ def _commit() -> str:
 def main() -> None:
     """Write the numbers of all runs, or with `pages` the pages only."""
     if sys.argv[1:] != ["pages"]:
-        text = json.dumps(collect(RUNS, _commit(), str(ROOT)), indent=1, ensure_ascii=False)
+        numbers = asked_for(templates().values(), collect(RUNS, _commit(), str(ROOT)))
+        text = json.dumps(numbers, indent=1, ensure_ascii=False)
         write_text(NUMBERS, _LIST.sub(lambda found: " ".join(found[0].split()), text) + "\n")  # a list per line
     for page, text in pages(json.loads(NUMBERS.read_text(encoding="utf-8"))).items():
         write_text(page, text)

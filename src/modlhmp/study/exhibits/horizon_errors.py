@@ -43,7 +43,7 @@ def draw(layout: Layout, dataset: Dataset, stem: str, methods: Mapping[str, str]
 def _curve(ax, rows, metric, look):
     horizon, mean, sd = (rows[name].to_numpy(float) for name in ("horizon_s", f"{metric}_m", f"{metric}_sd_m"))
     every = max(len(horizon) // 6, 1)
-    ax.plot(horizon, mean, markevery=(every - 1, every), **look)
+    ax.plot(horizon, mean, markevery=(every - 1, every), clip_on=False, **look)
     ax.fill_between(horizon, np.maximum(mean - sd, 0), mean + sd, color=look["color"], alpha=0.04, linewidth=0)
     for edge in (mean - sd, mean + sd):
         ax.plot(horizon, edge, color=look["color"], linestyle=look["linestyle"], linewidth=0.4, alpha=0.6)

@@ -29,7 +29,8 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, method: str, ti
                 curve = one[one["output"] == output].sort_values("horizon_s")
                 every = max(len(curve) // 6, 1)
                 look = style.method_style(position)
-                ax.plot(curve["horizon_s"], curve["ade_m"], label=label, markevery=(every - 1, every), **look)
+                points = {"markevery": (every - 1, every), "clip_on": False}
+                ax.plot(curve["horizon_s"], curve["ade_m"], label=label, **points, **look)
             last = one.sort_values("horizon_s").iloc[-1]
             counts = f"n {scored_of(last)} at {last['horizon_s']:g} s"
             head = f"{dataset.title}\n" if line == 0 else ""
