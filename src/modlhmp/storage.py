@@ -23,7 +23,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 _PROVENANCE = b"modlhmp"
-_SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64
+SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64
 _NOT_AS_WRITTEN = "is not as it was written (its seal does not fit); delete it and make it again"
 _SEAL_OF_TEXT = re.compile(rb'"modlhmp\.seal": ?"')  # what stands before the seal in JSON
 _WIDTHS = {"BOOLEAN": 1, "INT32": 4, "FLOAT": 4}  # bytes of a value in memory; others have 8, or are held once
@@ -81,7 +81,7 @@ def write_pieces(tables: Iterable[pa.Table], path: str | Path, **provenance: Any
             while table is not None:
                 writer.write_table(table.replace_schema_metadata(schema.metadata))
                 table = next(tables, None)
-            writer.add_key_value_metadata({_SEAL: _UNSEALED})
+            writer.add_key_value_metadata({SEAL: _UNSEALED})
         _seal(temporary)
 
 
@@ -166,7 +166,7 @@ def _check_seal(path: str, size: int, changed_ns: int, inode: int) -> None:
     """`DataError` where a file of ours is not as it was written; a file is looked at once."""
     about, (digest, place) = pq.read_metadata(path), _digest(path)
     keys = about.metadata or {}
-    if keys.get(_SEAL, b"").decode("ascii", "replace") != digest and (place or _PROVENANCE in keys):
+    if keys.get(SEAL, b"").decode("ascii", "replace") != digest and (place or _PROVENANCE in keys):
         raise DataError(f"{path}: {_NOT_AS_WRITTEN}")
     widths = [_WIDTHS.get(about.schema.column(place).physical_type, 8) for place in range(about.num_columns)]
     groups = (about.row_group(number) for number in range(about.num_row_groups))
@@ -187,9 +187,9 @@ def _digest(path: str | Path) -> tuple[str, int]:
         end = file.seek(-8, os.SEEK_END)
         start = max(end - int.from_bytes(file.read(4), "little"), 0)
         file.seek(start)
-        found = file.read().rfind(_SEAL)
+        found = file.read().rfind(SEAL)
         # After the name come two bytes of Thrift: that a text follows, and its length of 64.
-        place = start + found + len(_SEAL) + 2 if found >= 0 else 0
+        place = start + found + len(SEAL) + 2 if found >= 0 else 0
         file.seek(0)
         digest, at = hashlib.sha256(), 0
         while block := file.read(1 << 18):
@@ -230,7 +230,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
     """The mapping that `write_json` wrote; a missing or damaged file is a `DataError` that says how to get it back."""
     try:
         content = json.loads(read_sealed(path))
-        del content[_SEAL.decode()]
+        del content[SEAL.decode()]
     except DataError:
         raise
     except (ValueError, TypeError, KeyError, RecursionError):
@@ -240,7 +240,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
 
 def unsealed() -> dict[str, str]:
     """The key of JSON that `sealed` fills; it comes before all that may hold any text."""
-    return {_SEAL.decode(): _UNSEALED.decode()}
+    return {SEAL.decode(): _UNSEALED.decode()}
 
 
 def sealed(content: bytes) -> bytes:
@@ -358,71 +358,3 @@ def _runs(process: int) -> bool:
     except PermissionError:
         return True
     return True
-
-
-def file_sha256(path: str | Path) -> str:
-    """SHA-256 of a file's bytes as hexadecimal text."""
-    digest = hashlib.sha256()
-    with open(path, "rb") as file:
-        while block := file.read(1 << 18):
-            digest.update(block)
-    return digest.hexdigest()
-
-
-def file_state(path: str | Path) -> tuple[int, ...] | None:
-    """Which file stands under a name, its size and its time, by which a change shows; None where there is none."""
-    try:
-        found = os.stat(path)
-    except FileNotFoundError:
-        return None
-    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns
-
-
-def check_unchanged(path: str | Path, same: bool) -> None:
-    """`DataError` where a file is not the `same` as when reading began."""
-    if not same:
-        raise DataError(f"{path}: changed while it was read; wait until it is complete, then run again")
-
-
-@contextmanager
-def unchanged(*paths: str | Path) -> Iterator[dict[Path, str]]:
-    """The SHA-256 of files that are read within; `DataError` where one is another at the end, by state or by hash."""
-    states = {Path(path): file_state(path) for path in paths}
-    hashes = {path: file_sha256(path) for path in states}
-    yield hashes
-    for path, state in states.items():
-        check_unchanged(path, file_state(path) == state is not None and file_sha256(path) == hashes[path])
-
-
-def provenance(
-    wildcards: Mapping[str, Any],
-    params: Mapping[str, Any],
-    inputs: Iterable[str | Path],
-    hashes: Mapping[Path, str] | None = None,
-) -> dict[str, Any]:
-    """Where a result comes from: dataset and other wildcards, hash of the settings, code version, source files.
-
-    `inputs` are the files it was made of: a raw file is hashed, a Parquet file of ours hands on the sources it carries,
-    and its settings and code go into the hash of the result's; so does the JSON file beside a network's weights.
-    `hashes` are those of files that are known already (`unchanged`).
-    """
-    settings = {key: value for key, value in params.items() if key != "code"}
-    sources, upstream = {}, set()
-    for path in map(Path, inputs):
-        for file in sorted(path.glob("*.parquet")) if path.is_dir() else [path]:
-            origin = read_metadata(file) if file.suffix == ".parquet" else None
-            if file.suffix == ".json" and any(mark in file.read_bytes() for mark in (_SEAL, b'"origin"')):
-                origin = read_json(file).get("origin")
-            if origin:
-                sources.update(origin.get("sources", {}))
-                upstream.add((str(origin.get("settings")), str(origin.get("code"))))
-            elif file.is_file():
-                sources[file.name] = (hashes or {}).get(file) or file_sha256(file)
-    described = json.dumps([settings, sorted(upstream)], sort_keys=True, default=str)
-    return {
-        **wildcards,
-        "settings": hashlib.sha256(described.encode()).hexdigest()[:12],
-        "code": params.get("code"),
-        "seed": params.get("seeds"),
-        "sources": sources,
-    }

@@ -5,8 +5,9 @@ import os
 
 import pytest
 
+from modlhmp.origins import provenance, unchanged
 from modlhmp.readers.raw import line_blocks
-from modlhmp.storage import DataError, provenance, unchanged
+from modlhmp.storage import DataError
 
 LINES = b"".join(b"%d,%d\n" % (n, n * n) for n in range(20_000))
 

@@ -16,9 +16,9 @@ import torch
 import modlhmp
 from modlhmp.networks.training import load_checkpoint, save_checkpoint
 from modlhmp.networks.weights import read_weights, write_weights
+from modlhmp.origins import provenance
 from modlhmp.storage import (
     DataError,
-    provenance,
     read_json,
     read_metadata,
     read_parquet,

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from modlhmp.storage import file_sha256
+from modlhmp.origins import file_sha256
 
 OWN_DATASET = """
 title: Own recording

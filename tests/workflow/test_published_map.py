@@ -8,7 +8,8 @@ import pytest
 from project import Project, planned
 
 import modlhmp
-from modlhmp.storage import column, file_sha256, read_metadata
+from modlhmp.origins import file_sha256
+from modlhmp.storage import column, read_metadata
 
 CONFIG = """
 run: theirs

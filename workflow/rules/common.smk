@@ -13,7 +13,8 @@ from snakemake.exceptions import WorkflowError
 from modlhmp.exchange.maps import map_files
 from modlhmp.kinds import all_kinds, find
 from modlhmp.settings import as_plain
-from modlhmp.storage import DataError, file_sha256, remove_leftovers
+from modlhmp.origins import file_sha256
+from modlhmp.storage import DataError, remove_leftovers
 from modlhmp.study.claims import claim_horizons
 from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study import running

@@ -3,7 +3,7 @@
 from modlhmp.forecasting.average import average_forecasts
 from modlhmp.forecasting.files import read_forecasts, read_owners, read_t0, write_forecasts
 from modlhmp.logs import job_log
-from modlhmp.storage import provenance
+from modlhmp.origins import provenance
 from modlhmp.study.layout import Layout
 
 with job_log(snakemake.log[0]):

@@ -6,9 +6,10 @@ from modlhmp.kinds import find
 from modlhmp.logs import job_log
 from modlhmp.maps.base import DAY
 from modlhmp.methods import build_map
+from modlhmp.origins import provenance
 from modlhmp.settings import as_plain, build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_parquet
+from modlhmp.storage import write_parquet
 from modlhmp.tracks import read_tracks, together
 
 with job_log(snakemake.log[0]) as log:

@@ -5,8 +5,9 @@ from pathlib import Path
 from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.logs import job_log
+from modlhmp.origins import provenance, unchanged
 from modlhmp.settings import build
-from modlhmp.storage import provenance, unchanged, write_json
+from modlhmp.storage import write_json
 from modlhmp.study.fetch import check_sum, record_sum
 from modlhmp.tracks import write_tracks
 

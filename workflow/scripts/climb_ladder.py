@@ -5,9 +5,10 @@ from itertools import pairwise
 import pyarrow as pa
 
 from modlhmp.logs import job_log, progress
+from modlhmp.origins import provenance
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_parquet
+from modlhmp.storage import write_parquet
 from modlhmp.study.ladder import differences, scores
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import at_horizons

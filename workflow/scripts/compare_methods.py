@@ -3,9 +3,10 @@
 import pyarrow as pa
 
 from modlhmp.logs import job_log, progress
+from modlhmp.origins import provenance
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_parquet
+from modlhmp.storage import write_parquet
 from modlhmp.study.comparisons import compare
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import at_horizons

@@ -5,10 +5,10 @@ from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import windows
 from modlhmp.logs import job_log
 from modlhmp.methods import Method, make_forecaster
+from modlhmp.origins import provenance
 from modlhmp.scenes import read_scenes
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import owner_ids, read_tracks
 

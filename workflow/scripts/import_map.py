@@ -7,9 +7,10 @@ from modlhmp.exchange.parquet import is_parquet, read_ours
 from modlhmp.kinds import find
 from modlhmp.logs import job_log
 from modlhmp.maps.base import DAY, check_frame
+from modlhmp.origins import provenance, unchanged
 from modlhmp.settings import as_plain, build
 from modlhmp.site import Site
-from modlhmp.storage import DataError, provenance, unchanged, write_parquet
+from modlhmp.storage import DataError, write_parquet
 from modlhmp.tracks import read_tracks, together
 
 with job_log(snakemake.log[0]) as log:

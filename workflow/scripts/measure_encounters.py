@@ -6,12 +6,13 @@ import pyarrow as pa
 
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log
+from modlhmp.origins import provenance
 from modlhmp.scenes import read_scenes
 from modlhmp.scoring.encounters import encounters
 from modlhmp.scoring.errors import nan_mean, seed_mean
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_parquet
+from modlhmp.storage import write_parquet
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks, together
 

@@ -6,11 +6,12 @@ from modlhmp.forecasting.files import read_forecasts
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.logs import job_log, progress
 from modlhmp.methods import Method, make_forecaster
+from modlhmp.origins import provenance
 from modlhmp.scenes import read_scenes
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import DataError, provenance, read_metadata, write_parquet
+from modlhmp.storage import DataError, read_metadata, write_parquet
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import person_ids, read_tracks, with_persons
 

@@ -4,10 +4,11 @@ import pyarrow as pa
 
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log
+from modlhmp.origins import provenance
 from modlhmp.scenes import read_scenes
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_parquet
+from modlhmp.storage import write_parquet
 from modlhmp.study.layout import Layout
 from modlhmp.study.readings import readings
 from modlhmp.tracks import read_tracks

@@ -3,11 +3,12 @@
 from modlhmp.floor_plan import load_floor_plan, moved
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.logs import job_log, progress
+from modlhmp.origins import provenance
 from modlhmp.scenes import read_scenes
 from modlhmp.scoring.recording import score_recording
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import DataError, provenance, write_pieces
+from modlhmp.storage import DataError, write_pieces
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import owner_ids, person_ids, read_tracks, with_owners, with_persons
 

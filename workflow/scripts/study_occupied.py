@@ -5,9 +5,10 @@ import pyarrow as pa
 from modlhmp.kinds import find
 from modlhmp.logs import job_log
 from modlhmp.methods import Method
+from modlhmp.origins import provenance
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_parquet
+from modlhmp.storage import write_parquet
 from modlhmp.study.occupied import measure
 from modlhmp.tracks import read_tracks, together
 

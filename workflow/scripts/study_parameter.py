@@ -2,10 +2,11 @@
 
 from modlhmp.logs import job_log, progress
 from modlhmp.methods import Method
+from modlhmp.origins import provenance
 from modlhmp.scenes import read_scenes
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_parquet
+from modlhmp.storage import write_parquet
 from modlhmp.study.layout import Layout
 from modlhmp.study.studies import sample_tracks, vary
 from modlhmp.tracks import person_ids, read_tracks, with_persons

@@ -3,10 +3,11 @@
 from modlhmp.kinds import find
 from modlhmp.logs import job_log
 from modlhmp.methods import Method
+from modlhmp.origins import provenance
 from modlhmp.scenes import read_scenes
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_parquet
+from modlhmp.storage import write_parquet
 from modlhmp.study.layout import Layout
 from modlhmp.study.studies import sample_tracks, vary_training
 from modlhmp.tracks import person_ids, read_tracks, together, with_persons

@@ -8,9 +8,9 @@ from modlhmp.forecasting.files import STORED, write_forecasts
 from modlhmp.forecasting.outputs import kept
 from modlhmp.forecasting.windows import windows
 from modlhmp.logs import job_log
+from modlhmp.origins import provenance, unchanged
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, unchanged
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import owner_ids, read_tracks
 

@@ -8,9 +8,10 @@ from modlhmp.methods import Method
 from modlhmp.networks.data import day_of
 from modlhmp.networks.doubling import forget, train_long_enough
 from modlhmp.networks.training import save_network
+from modlhmp.origins import provenance
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import provenance, write_json
+from modlhmp.storage import write_json
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks
 

@@ -117,7 +117,7 @@ def _one_line(path: str | Path, number: int, line: bytes) -> Iterator[tuple[floa
         if not isinstance(track.get(name), int | float) or isinstance(track[name], bool):
             raise DataError(f"{where}: {name} {track.get(name)!r} of a prediction is no number; correct it")
     try:
-        finite = np.isfinite([float(track[name]) for name in FIELDS]).all()
+        finite = bool(np.isfinite([float(track[name]) for name in FIELDS]).all())
     except OverflowError:  # a whole number of hundreds of digits
         finite = False
     if not finite:

@@ -8,8 +8,9 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from pathlib import Path
 
 from modlhmp.file_format import Recording
+from modlhmp.origins import file_sha256
 from modlhmp.readers.raw import COMPRESSED, find_recording
-from modlhmp.storage import DataError, file_sha256
+from modlhmp.storage import DataError
 
 _SUFFIXES = {"csv", "txt", "tsv", "ndjson", "dat"}
 _HEAD_BYTES = 1 << 16

@@ -15,7 +15,8 @@ from typing import IO, NamedTuple, cast
 from tqdm.utils import CallbackIOWrapper
 
 from modlhmp.logs import progress
-from modlhmp.storage import DataError, check_unchanged, file_state
+from modlhmp.origins import check_unchanged, file_state
+from modlhmp.storage import DataError
 
 COMPRESSED = (".gz", ".bz2", ".zip")
 BLOCK_BYTES = 1 << 22

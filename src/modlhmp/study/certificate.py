@@ -19,7 +19,8 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
-from modlhmp.storage import DataError, boundary, file_sha256, read_json, read_metadata
+from modlhmp.origins import file_sha256
+from modlhmp.storage import DataError, boundary, read_json, read_metadata
 from modlhmp.study.layout import Layout
 
 PACKAGE = Path(__file__).parents[1]

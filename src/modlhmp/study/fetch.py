@@ -17,9 +17,10 @@ from tqdm import tqdm
 
 from modlhmp.cleaning import source_of
 from modlhmp.file_format import FileFormat, Recording
+from modlhmp.origins import file_sha256
 from modlhmp.readers import read_recording
 from modlhmp.splits import only_of
-from modlhmp.storage import DataError, file_sha256, put_in_place, read_json, write_json, write_text
+from modlhmp.storage import DataError, put_in_place, read_json, write_json, write_text
 
 BACKOFF = 1.0  # seconds before the first retry, doubled before each further one, where the server names none
 LONGEST_WAIT = 300.0  # seconds that a server may ask for; a job that sleeps for longer looks as if it had died
