@@ -133,8 +133,14 @@ class _Cache(FunctionCache):
         self.lock = Path(self.cache_path, f"{self._impl.filename_base}.lock")
 
     def load_overload(self, sig, target_context):
-        with contextlib.suppress(OSError):
+        try:
             return super().load_overload(sig, target_context)
+        except OSError:
+            return None
+        except Exception:  # damaged, as by a loss of power: a pickle may end in any error
+            with contextlib.suppress(OSError):
+                self.flush()  # an index that cannot be read could not be added to
+            return None
 
     def save_overload(self, sig, data):
         try:

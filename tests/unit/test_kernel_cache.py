@@ -396,6 +396,18 @@ caching.IndexDataCacheFile.save = full
     assert complaints.count("No space left on device") == complaints.count("Warning: ") == 1
 
 
+@pytest.mark.parametrize(("suffix", "left"), [("nbi", 0), ("nbi", 0.5), ("nbc", 0.5)])
+def test_a_damaged_entry_is_compiled_again_and_mended(small, tmp_path, suffix, left):
+    run(small, tmp_path)
+    entries = list(tmp_path.rglob(f"*.{suffix}"))
+    assert entries
+    for entry in entries:
+        data = entry.read_bytes()
+        entry.write_bytes(data[: int(left * len(data))])
+    assert run(small, tmp_path)[0][:2] == ["7", "1"]  # a miss
+    assert run(small, tmp_path)[0][:2] == ["7", "0"]
+
+
 def test_a_function_without_a_file_is_compiled_without_a_cache(small, tmp_path):
     code = "from modlhmp.kernels import kernel\n@kernel\ndef f(x): return x\nprint(f(1), f.stats.cache_path)"
     assert run(small, tmp_path / "cache", code) == (["1", "None"], "")
