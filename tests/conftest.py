@@ -121,10 +121,10 @@ def rewrite():
     """Function (path, table, options) that writes a Parquet file anew, sealed, with just the metadata of the table."""
 
     def write(path, table, **options):
-        kept = {key: value for key, value in (table.schema.metadata or {}).items() if key != storage._SEAL}
+        kept = {key: value for key, value in (table.schema.metadata or {}).items() if key != storage.SEAL}
         with pq.ParquetWriter(path, table.schema.with_metadata(kept)) as writer:
             writer.write_table(table.replace_schema_metadata(kept), **options)
-            writer.add_key_value_metadata({storage._SEAL: storage._UNSEALED})
+            writer.add_key_value_metadata({storage.SEAL: storage._UNSEALED})
         storage._seal(Path(path))
 
     return write
