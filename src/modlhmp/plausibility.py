@@ -22,6 +22,7 @@ from modlhmp.speed_units import explain, extent_of
 from modlhmp.storage import DataError
 from modlhmp.tracks import LEAST_JUMP_S, Tracks, usual_step
 
+LOOKED_AT = 20_000  # rows, of whole tracks: how people move shows in some of them
 LEAST_MOVES, LEAST_TRACKS, LEAST_ROWS, LEAST_JUMPS = 15, 2, 15, 3
 STOP_MPS, WARN_MPS = (0.3, 3.0), (0.8, 1.8)  # median speeds outside are refused, or warned of
 STOP_RATIO, WARN_RATIO = (0.5, 2.0), (0.7, 1.4)  # of recorded speeds to displacements
@@ -48,7 +49,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True)
 class Evidence:
-    """A recording as it was read, before anything is cut or dropped by a rule of cleaning.
+    """A recording as it was read, before anything is cut or dropped by a rule of cleaning; `rows` are of some tracks.
 
     `clock`: its times are unix times of the file, so that their unit is known.
     """
@@ -308,13 +309,21 @@ def check_recording(rows: Tracks, account: Account, form: FileFormat, clock: boo
 
     `clock`: its times are unix times of the file, not counted from a start.
     """
-    seen, found = Evidence(rows, account, form, clock), list[Finding]()
+    seen, found = Evidence(_of_some_tracks(rows), account, form, clock), list[Finding]()
     for check in CHECKS:
         told = check.of(seen) if check.of else None
         if told is not None:
             found.append(Finding(check.name, *told))
     said = set().union(*(_SAYS.get(one.check, set()) for one in found))
     return [one for one in found if one.check not in said]
+
+
+def _of_some_tracks(rows: Tracks) -> Tracks:
+    """The rows of every so many tracks, about `LOOKED_AT` in all."""
+    every, bounds = -(-len(rows.t) // LOOKED_AT), rows.bounds()
+    if every <= 1:
+        return rows
+    return rows.take(np.repeat(np.arange(len(bounds) - 1) % every == 0, np.diff(bounds)))
 
 
 def ask_about(source: object, findings: Iterable[Finding], form: FileFormat) -> list[str]:

@@ -8,6 +8,7 @@ import pytest
 from planted import MOVING, PLACES, people, write
 
 import modlhmp
+from modlhmp import plausibility
 from modlhmp.account import Account
 from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import CheckName, Columns, FileFormat, Recording
@@ -101,6 +102,17 @@ def test_a_wrong_declaration_is_named_with_the_option(tmp_path, written, declare
     if name is not None:
         assert f"accept: [{name}]" in str(error.value)
         assert [remedy in one.remedy for one in findings(path, described) if one.check == name] == [True]
+
+
+@pytest.mark.parametrize(("written", "declared", "name", "remedy"), [one for one in WRONG if one[2]])
+def test_some_tracks_of_a_large_recording_tell_the_same(tmp_path, monkeypatch, written, declared, name, remedy):
+    columns = PLACES if written.get("moving") is False else MOVING
+    path = write(tmp_path / "a.csv", people(rows=50, step_s=0.4), **written)
+    every = findings(path, form(columns, **declared))
+    monkeypatch.setattr(plausibility, "LOOKED_AT", 200)
+    some = findings(path, form(columns, **declared))
+    assert [(one.check, one.severity) for one in some] == [(one.check, one.severity) for one in every]
+    assert any(one.check == name and remedy in one.remedy for one in some)
 
 
 def test_the_public_eth_file_that_runs_too_fast_is_named(tmp_path):
