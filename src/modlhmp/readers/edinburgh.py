@@ -13,7 +13,7 @@ from modlhmp.account import Account
 from modlhmp.readers.delimited import MAX_DISTANCE_M, read_delimited
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, concatenate
+from modlhmp.tracks import Tracks
 
 ROWS_LAYOUT = {
     "columns": {"t": 0, "track_id": 1, "x": 2, "y": 3},
@@ -85,7 +85,10 @@ def read_raw(path: str | Path, frame_rate: float, scale: float, origin: float) -
     if not pieces:
         raise DataError(f"{path}: no usable point; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
     pieces.sort(key=lambda piece: piece[0])
-    return concatenate(_to_si(track, points, frame_rate, scale, origin) for track, points in pieces), account
+    track_id = np.repeat([track for track, _ in pieces], [len(points) for _, points in pieces])
+    x, y, frame = np.concatenate([points for _, points in pieces]).T
+    unknown = np.full(len(x), np.nan)
+    return Tracks(track_id, origin + frame / frame_rate, x * scale, y * scale, unknown, unknown), account
 
 
 def _track(path, line, number, limits, account):
@@ -109,11 +112,11 @@ def _track(path, line, number, limits, account):
     account.rows_read += len(points) if regular else 0
     if not regular:
         points = _point_by_point(body, number, limits, account)
-    later = np.ones(len(points), bool)
-    if len(points):
-        later[1:] = points[1:, 2] > np.maximum.accumulate(points[:, 2])[:-1]
-    account.drop_rows("frame_not_increasing", (~later).sum(), f"line {number}")
-    points = points[later]
+    later = points[1:, 2] > points[:-1, 2]
+    if not later.all():
+        later = points[1:, 2] > np.maximum.accumulate(points[:, 2])[:-1]
+        account.drop_rows("frame_not_increasing", (~later).sum(), f"line {number}")
+        points = points[np.concatenate([[True], later])]
     if not len(points):
         account.drop_tracks("no_usable_point", 1, 0)
         return None
@@ -142,9 +145,3 @@ def _point_by_point(body, number, limits, account):
         except ValueError:
             account.drop_rows("text_value", 1, f"line {number}: {text[:60].decode(errors='replace')!r}")
     return np.array(points, float).reshape(-1, 3)
-
-
-def _to_si(track_id, points, frame_rate, scale, origin):
-    unknown = np.full(len(points), np.nan)
-    x, y, frame = points.T
-    return Tracks(np.full(len(points), track_id), origin + frame / frame_rate, x * scale, y * scale, unknown, unknown)
