@@ -104,19 +104,15 @@ def walks(tracks, number, step_s):
     bounds = tracks.bounds()
     ends = np.column_stack([bounds[:-1], bounds[1:] - 1])
     ends = ends[tracks.t[ends[:, 1]] - tracks.t[ends[:, 0]] >= LEAST_S]
-    rng, came = np.random.default_rng(0), 0
-    going = [[] for _ in range(number)]
+    length, rng, came = tracks.t[ends[:, 1]] - tracks.t[ends[:, 0]], np.random.default_rng(0), number
+    who, whose = np.arange(number), rng.integers(len(ends), size=number)
+    after = step_s * np.floor(rng.random(number) * length[whose] / 2 / step_s)  # not all begin together
     while True:
-        rows = []
-        for place in range(number):
-            if not going[place]:
-                one = ends[rng.integers(len(ends))]
-                when = np.arange(0, tracks.t[one[1]] - tracks.t[one[0]], step_s)
-                when = when[int(rng.integers(len(when) // 2)) if came < number else 0 :]  # not all begin together
-                going[place] = [(came, x, y) for x, y in positions_at(tracks, one[None], when[None])[0].tolist()][::-1]
-                came += 1
-            rows.append(going[place].pop())
-        yield rows
+        for place in np.flatnonzero(after >= length[whose]):
+            who[place], whose[place], after[place], came = came, rng.integers(len(ends)), 0.0, came + 1
+        x, y = positions_at(tracks, ends[whose], after[:, None])[:, 0].T.tolist()
+        yield list(zip(who.tolist(), x, y, strict=True))
+        after += step_s
 
 
 if __name__ == "__main__":
