@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from modlhmp.exchange.components import Components, moved
 from modlhmp.exchange.lattice import lattice_step
+from modlhmp.exchange.repair import MOST
 from modlhmp.exchange.rows import Rows, Source, finite, lines_of, read_rows, table_text
 from modlhmp.maps import fremen
 from modlhmp.maps.stef import DAY_S, evaluate, middle_of_hour
@@ -23,7 +24,6 @@ from modlhmp.tracks import clock_offsets
 
 SHARES = 10_000  # a histogram that we write counts so many in a cell; readers hold them in 16 bits
 MOST_HEADINGS = 360
-MOST_WEIGHT = 1e9
 LATEST_S = 1e11  # of a time in unix s: the year 5138
 Hours = dict[int, pa.Table]
 
@@ -186,7 +186,7 @@ def _cells(rows: Rows, source: Source) -> Components:
 
 
 def _check_weights(rows: Rows, weights: np.ndarray, where: str) -> None:
-    for bad, what in ((weights < 0, "negative"), (weights > MOST_WEIGHT, f"above {MOST_WEIGHT:g}")):
+    for bad, what in ((weights < 0, "negative"), (weights > MOST, f"above {MOST:g}")):
         if bad.any():
             row, at = np.argwhere(bad)[0]
             raise DataError(f"{where}: row {rows.number[row]}: weight {weights[row, at]:g} is {what}")

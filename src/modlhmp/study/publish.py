@@ -36,6 +36,7 @@ RUNS = {
     "networks": "config/real.yaml config/lab/networks.yaml",
 }
 HORIZONS_S = (5.0, 10.0, 20.0, 30.0, 60.0)
+KINDS = ("scores", "differences", "tables")
 SCORE = ("ade_m", "fde_m", "ade_seed_sd_m", "n", "eligible", "infeasible", "truth_infeasible", "all_ade_m", "all_n")
 DIFFERENCE = ("difference_m", "low_m", "high_m", "percent", "n", "n_unknown")
 TABLES = (
@@ -88,7 +89,7 @@ def _of_run(layout: Layout) -> dict[str, Any]:
         raise DataError(f"{layout.scores}: no such file; make the run first: {command(layout.run)}")
     results = main_rows(pd.read_csv(layout.scores))
     results = results[results["horizon_s"].isin(HORIZONS_S)]
-    found: dict[str, Any] = {"scores": {}, "differences": {}, "tables": {}}
+    found: dict[str, Any] = {kind: {} for kind in KINDS}
     for row in results.to_dict("records"):
         key = _key(row["dataset"], row["protocol"], row["horizon_s"], row["method"])
         found["scores"][key] = [_short(row[name]) for name in SCORE]
@@ -122,16 +123,7 @@ def asked_for(templates: Iterable[str], numbers: Mapping[str, Any]) -> dict[str,
     asked = _Asked(numbers)
     for template in templates:
         _filled(template, asked)
-    runs = {
-        run: {
-            kind: {name: one for name, one in found.items() if (run, kind, name) in asked.found}
-            if kind in ("scores", "differences", "tables")
-            else found
-            for kind, found in parts.items()
-        }
-        for run, parts in numbers["runs"].items()
-    }
-    return {**numbers, "runs": runs}
+    return {**numbers, "runs": {run: {**parts, **asked.found[run]} for run, parts in numbers["runs"].items()}}
 
 
 def _filled(template: str, asked: "_Asked") -> str:
@@ -145,7 +137,7 @@ class _Asked:
 
     def __init__(self, numbers: Mapping[str, Any]) -> None:
         self.runs, self.commit = numbers["runs"], numbers["commit"]
-        self.found: set[tuple[str, str, str]] = set()
+        self.found: dict[str, dict[str, Any]] = {run: {kind: {} for kind in KINDS} for run in self.runs}
 
     def _run(self, run: str) -> dict[str, Any]:
         if run not in self.runs:
@@ -155,8 +147,7 @@ class _Asked:
     def _find(self, kind: str, run: str, *key: Any) -> Any:
         if (name := _key(*key)) not in self._run(run)[kind]:
             raise DataError(f"no number {name} among the {kind} of run {run!r}")
-        self.found.add((run, kind, name))
-        return self.runs[run][kind][name]
+        return self.found[run][kind].setdefault(name, self.runs[run][kind][name])
 
     def score(self, what: str, *place: Any) -> float:
         """One of `SCORE` of (run, dataset, protocol, horizon, method)."""
