@@ -17,7 +17,7 @@ from PIL import Image
 import modlhmp
 from modlhmp.cli import main
 from modlhmp.exchange import cliff_xml, columns, rows
-from modlhmp.exchange.forecasts import read_samples
+from modlhmp.exchange.forecasts import TYPES, read_samples
 from modlhmp.exchange.hand_in import read_sheet
 from modlhmp.exchange.tracks import read_tracks_table
 from modlhmp.file_format import Columns, FileFormat
@@ -239,6 +239,26 @@ def test_columns_of_forecasts_are_looked_at_before_they_are_read(tmp_path, monke
         monkeypatch.setattr(columns, "read_parquet", None)
     with pytest.raises(DataError, match=rf"{path.name}.*{match}"):
         read_samples(path, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("header", "match"), [("a," * 5_000, "column named 'a'"), ("x," * 5_000, "two columns"), ("\xff", "column named")]
+)
+def test_columns_of_a_stream_are_looked_at_before_it_is_read(monkeypatch, header, match):
+    rows = io.BytesIO(header.encode("latin-1") + b"\n")
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(rows))
+    monkeypatch.setattr(columns.pc, "read_csv", None)
+    with pytest.raises(DataError, match=f"-: .*{match}"):
+        read_samples("-", 1.0)
+
+
+def test_what_was_looked_at_of_a_stream_is_read_with_the_rest(monkeypatch):
+    whole = b"\xef\xbb\xbftrack_id,step,x,y\n" + b"".join(b"1,%d,2,3\n" % step for step in range(1, 300_000))
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(whole)))
+    assert columns.read_columns("-", TYPES).column("step").to_pylist() == list(range(1, 300_000))
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(whole + b"1,1,2,b\n")))
+    with pytest.raises(DataError, match="-, row 300001: y 'b' is not a number"):
+        columns.read_columns("-", TYPES)
 
 
 def test_a_name_within_quotes_is_one_column(write):

@@ -20,7 +20,8 @@ import numpy as np
 
 MB = 1 << 20
 SIZE, MAP = 49 * MB, 31 * MB  # of files of which more would be refused: below that limit
-MOST_MB, MOST_ADDRESSES = 1000, 6 << 30  # of memory, as is wanted; of addresses, so that no trial harms the machine
+MOST_MB, MOST_ADDRESSES = 1000, 4 << 30  # of memory, as is wanted; of addresses, so that no trial harms the machine
+MOST_S = 300  # of the processor, after which a trial is ended
 
 
 def repeated(unit: bytes, head: bytes = b"", tail: bytes = b"", most: int = SIZE) -> Callable[[Path], None]:
@@ -257,6 +258,7 @@ def measure(name: str, path: Path) -> None:
     from modlhmp import DataError  # noqa: PLC0415
 
     resource.setrlimit(resource.RLIMIT_AS, (MOST_ADDRESSES, MOST_ADDRESSES))
+    resource.setrlimit(resource.RLIMIT_CPU, (MOST_S, MOST_S))
     began = time.process_time()
     try:
         CASES[name][2](path)
