@@ -66,6 +66,21 @@ def boundary(source: object, remedy: str) -> Iterator[None]:
         raise DataError(f"{source}: {remedy} ({type(error).__name__}: {reason}); {UNFORESEEN}") from error
 
 
+@contextmanager
+def refused(told: str, *kinds: type[Exception], remedy: str = "") -> Iterator[None]:
+    """Errors of such kinds that a library raises within as ours: what is `told`, the reason, the remedy.
+
+    Errors of ours, which are ValueErrors too, stay as they are.
+    """
+    try:
+        yield
+    except DataError:
+        raise
+    except kinds as error:
+        reason = getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
+        raise DataError(f"{told} ({reason}){remedy and '; '}{remedy}") from None
+
+
 def write_parquet(table: pa.Table | Mapping[str, Any], path: str | Path, **provenance: Any) -> None:
     """Write a `pyarrow.Table` (or a dict of columns) to `path`, with `provenance` as JSON in the metadata."""
     write_pieces([pa.table(table) if isinstance(table, dict) else table], path, **provenance)
@@ -228,11 +243,10 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 def read_json(path: str | Path) -> dict[str, Any]:
     """The mapping that `write_json` wrote; a missing or damaged file is a `DataError` that says how to get it back."""
+    whole = read_sealed(path)
     try:
-        content = json.loads(read_sealed(path))
+        content = json.loads(whole)
         del content[SEAL.decode()]
-    except DataError:
-        raise
     except (ValueError, TypeError, KeyError, RecursionError):
         raise DataError(f"{path}: is no JSON that modlhmp has written; delete it and make it again") from None
     return content

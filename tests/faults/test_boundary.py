@@ -35,6 +35,7 @@ from modlhmp.storage import (
     atomic_path,
     boundary,
     read_json,
+    refused,
     sealed,
     unsealed,
     write_json,
@@ -198,6 +199,21 @@ def test_what_nobody_foresaw_is_ours_and_says_so():
     assert isinstance(error.value.__cause__, KeyError)
     with pytest.raises(MemoryError), boundary("day.csv", "cannot be read"):
         raise MemoryError
+
+
+def test_what_is_foreseen_is_told_and_errors_of_ours_stay():
+    for error, told in [
+        (ValueError("a\nb"), "day.csv: not a number (a); correct it"),
+        (OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG)), "day.csv: not a number (File name too long); "),
+        (DataError("day.csv: mine"), "day.csv: mine"),
+    ]:
+        with (
+            pytest.raises(DataError, match=re.escape(told)),
+            refused("day.csv: not a number", ValueError, OSError, remedy="correct it"),
+        ):
+            raise error
+    with pytest.raises(KeyError), refused("day.csv: not a number", ValueError):
+        raise KeyError
 
 
 # --- what goes out ------------------------------------------------------------------------------------------

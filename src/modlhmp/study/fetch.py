@@ -20,13 +20,14 @@ from modlhmp.file_format import FileFormat, Recording
 from modlhmp.origins import file_sha256
 from modlhmp.readers import read_recording
 from modlhmp.splits import only_of
-from modlhmp.storage import DataError, put_in_place, read_json, write_json, write_text
+from modlhmp.storage import DataError, put_in_place, read_json, refused, write_json, write_text
 
 BACKOFF = 1.0  # seconds before the first retry, doubled before each further one, where the server names none
 LONGEST_WAIT = 300.0  # seconds that a server may ask for; a job that sleeps for longer looks as if it had died
 TIMEOUT = 60.0  # seconds without an answer or a byte
 # A plain OSError is not among them: a full disk does not pass.
 _PASSING = (URLError, http.client.HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
+_UNUSABLE = (ValueError, http.client.InvalidURL)
 _BY_HAND = "put the file there by hand, or give its sha256 in the dataset file"
 
 
@@ -164,11 +165,8 @@ def _download(url, file, path, note, known, retries, progress):
     for attempt in range(retries + 1):
         delay = BACKOFF * 2**attempt
         try:
-            return _attempt(url, file, path, note, known, progress)
-        except DataError:
-            raise
-        except (ValueError, http.client.InvalidURL) as error:
-            raise DataError(f"{path}: {url!r} is not a usable address ({error}); correct its url") from None
+            with refused(f"{path}: {url!r} is not a usable address", *_UNUSABLE, remedy="correct its url"):
+                return _attempt(url, file, path, note, known, progress)
         except _PASSING as error:
             if isinstance(error, HTTPError):
                 if error.code < 500 and error.code != http.client.TOO_MANY_REQUESTS:
