@@ -15,8 +15,9 @@ import pytest
 from PIL import Image
 
 import modlhmp
+from modlhmp import storage
 from modlhmp.cli import main
-from modlhmp.exchange import cliff_xml, columns, rows
+from modlhmp.exchange import cliff_xml, columns, rows, tracks
 from modlhmp.exchange.forecasts import TYPES, read_samples
 from modlhmp.exchange.hand_in import read_sheet
 from modlhmp.exchange.tracks import read_tracks_table
@@ -287,6 +288,37 @@ def test_a_text_of_parquet_that_stands_for_many_is_refused(tmp_path, monkeypatch
             assert list(read_tracks_table(tmp_path / "t.parquet")[1].values()) == ["a" * 10]
     with pytest.raises(DataError, match=r"t\.parquet: column track_id has more than 1 MiB of text; shorten it"):
         read_tracks_table(tmp_path / "t.parquet")
+
+
+@pytest.mark.parametrize("read", [lambda path: read_samples(path, 1.0), read_tracks_table])
+def test_people_have_a_limit(write, monkeypatch, read):
+    monkeypatch.setattr(tracks, "MOST_PEOPLE", 2)
+    for people in (2, 3):
+        path = write("track_id,t,x,y\n" + "".join(f"a{n},1,1,1\n" for n in range(people)), "f.csv")
+        if people == 2:
+            read(path)
+    with pytest.raises(DataError, match=r"f\.csv: 3 track ids; at most 2 of a file are read: divide it"):
+        read(path)
+
+
+@pytest.mark.parametrize("row", [b"\n", b"\r", b"1,1,1,1\n"])
+@pytest.mark.parametrize("read", [lambda path: read_samples(path, 1.0), read_tracks_table])
+def test_lines_of_forecasts_and_tracks_that_stand_for_more_than_can_be_held(write, monkeypatch, row, read):
+    """Fifty megabytes of blank lines took two gigabytes: a line without anything in it is a row in memory."""
+    monkeypatch.setattr(storage, "MOST_HELD", 120_000)
+    path = write(b"track_id,t,x,y\n" + row * 40_000, "f.csv")
+    monkeypatch.setattr(columns.pc, "read_csv", None)
+    with pytest.raises(DataError, match=r"f\.csv: stands for 5 MB, over [03] MB and 10 times its size"):
+        read(path)
+
+
+def test_a_form_is_told_by_the_first_row_where_that_is_enough(write, monkeypatch):
+    """All of a map was read to say that it has three columns."""
+    seen = []
+    monkeypatch.setattr(rows, "number", lambda text: seen.append(text) or number(text))
+    with pytest.raises(DataError, match=r"m\.csv: 3 columns"):
+        foreign_map(write(b"1,2,3\n" * 1000, "m.csv"), None)
+    assert len(seen) <= 6
 
 
 def test_a_sheet_has_a_limit(write):

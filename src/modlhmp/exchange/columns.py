@@ -14,10 +14,11 @@ import pyarrow.csv as pc
 from pyarrow import compute
 
 from modlhmp.settings import unknown
-from modlhmp.storage import DataError, atomic_path, open_parquet, read_parquet, write_pieces
+from modlhmp.storage import DataError, atomic_path, check_held, open_parquet, read_parquet, write_pieces
 
 MOST_HEADER = 10_000  # characters; the names of all columns there are take a hundred
 MOST_TEXT_BYTES = 1 << 28  # of a column of Parquet, in which a text that stands a million times is stored once
+ROW_BYTES = 120  # of a row from the file to a forecast or a track
 STREAM = "-"  # in place of a path: standard input or output
 
 
@@ -98,6 +99,8 @@ def _csv(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
     try:
         with nullcontext(sys.stdin.buffer) if path == STREAM else open(path, "rb") as file:
             begin = file.readline(MOST_HEADER)
+            if path != STREAM:
+                check_held(path, ROW_BYTES * _lines(path))
             if begin:
                 first = re.split("[\r\n]", begin.decode("utf-8-sig", "replace"))[0]
                 names = next(csv.reader([first], strict=True)) or [""]
@@ -114,6 +117,15 @@ def _csv(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
         raise DataError(_explained(path, str(error), names, types)) from None
 
 
+def _lines(path: str | Path) -> int:
+    """How many lines a file has, blank ones among them: a megabyte of these is a million rows."""
+    lines = 0
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            lines += max(block.count(b"\n"), block.count(b"\r"))
+    return lines
+
+
 def _explained(path: str | Path, error: str, names: Sequence[str], types: Iterable[str]) -> str:
     """Arrow's words about a CSV file as ours."""
     row = f", row {found[1]}" if (found := re.search(r"Row #(\d+)", error)) else ""
@@ -125,8 +137,10 @@ def _explained(path: str | Path, error: str, names: Sequence[str], types: Iterab
 
 
 def _parquet(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
-    schema = open_parquet(path).schema_arrow
+    file = open_parquet(path)
+    schema = file.schema_arrow
     _check_names(path, schema.names, types)
+    check_held(path, ROW_BYTES * file.metadata.num_rows)
     table = read_parquet(
         path, texts_once=[one.name for one in schema if _is_text(one.type) or pa.types.is_binary(one.type)]
     )
