@@ -176,18 +176,6 @@ def test_a_dataset_file_with_any_value_anywhere(folder, key, value, within):
     cleaned(folder, listed)
 
 
-@settings(max_examples=100, derandomize=True, deadline=None)
-@given(st.text(st.sampled_from("a:-[]{}&*!|>'\"\n \t#?,1<%@`"), max_size=40))
-def test_a_file_that_is_hardly_yaml(folder, text):
-    assert cleaned(folder, text.encode("utf-8").decode())
-
-
-@settings(max_examples=200, derandomize=True, deadline=None)
-@given(at=st.integers(0, len(ROWS)), text=st.text(max_size=8), length=st.integers(0, 30))
-def test_a_recording_with_any_text_in_it(folder, at, text, length):
-    cleaned(folder, DATASET, ROWS[:at] + text + ROWS[at + length :])
-
-
 def test_what_nobody_foresaw_is_ours_and_says_so():
     with (
         pytest.raises(

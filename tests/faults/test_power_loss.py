@@ -93,8 +93,8 @@ class Disk:
     def end(self):
         """All is written, and stays so; nothing was written under its own name."""
         self.look()
-        for path in filter(Path.is_file, self.folder.rglob("*")):
-            path = path.parent if path.parent in self.whole else path  # of a folder that was put in place
+        for file in filter(Path.is_file, self.folder.rglob("*")):
+            path = file.parent if file.parent in self.whole else file  # of a folder that was put in place
             assert path in self.whole, f"{path.name} was written under its own name"
             assert content(path) == self.whole[path][-1], f"{path.name} was changed under its own name"
             assert self.possible(path) == self.whole[path][-1:], f"{path.name} may be gone again"
