@@ -97,6 +97,7 @@ def check(target: Target, path: Path, content: bytes) -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_MB * 1000
 
 
+@pytest.mark.filterwarnings("error::pytest.PytestUnraisableExceptionWarning")  # of what a library calls, and tells only
 @pytest.mark.parametrize("trials", [FEW, pytest.param(MANY, marks=pytest.mark.torture)])
 @pytest.mark.parametrize("name", TARGETS)
 def test_any_damage_is_read_or_refused(tmp_path, name, trials):
