@@ -5,6 +5,7 @@ import gzip
 import io
 import sqlite3
 import time
+import tracemalloc
 import zipfile
 
 import h5py
@@ -170,6 +171,20 @@ def test_a_plan_s_cells_do_not_depend_on_the_bands_it_is_read_in(tmp_path, monke
     for pixels in (1, 70, 1000):
         monkeypatch.setattr("modlhmp.floor_plan._BAND_PIXELS", pixels)
         np.testing.assert_array_equal(load_floor_plan(tmp_path / "plan.yaml").cells, whole)
+
+
+def test_colours_of_a_large_plan_are_not_all_held_at_once(tmp_path):
+    """As numbers they take twenty bytes a pixel, four in the image and one in the plan."""
+    Image.new("RGBA", (3000, 3000)).save(tmp_path / "plan.png")
+    (tmp_path / "plan.yaml").write_text(
+        "image: plan.png\nresolution: 0.5\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    load_floor_plan(tmp_path / "plan.yaml")
+    tracemalloc.start()  # of numpy's arrays, not of Pillow's image
+    load_floor_plan(tmp_path / "plan.yaml")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 7 * 3000 * 3000
 
 
 @pytest.mark.parametrize(
@@ -351,6 +366,21 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path, made, match):
     with pytest.raises(DataError, match=rf"a\.sqlite: .*{match}"):
         read_recording(tmp_path / "a.sqlite", FileFormat(reader="jupedsim", timezone="UTC"))
     assert time.process_time() - began < 5
+
+
+def test_rows_of_magni_that_stand_for_more_than_can_be_held(write, monkeypatch):
+    """A row of eight bytes is a position of each body."""
+    monkeypatch.setattr(storage, "MOST_HELD", 120_000)
+    head = b"Frame,Time,Helmet_1 Centroid_X,Helmet_1 Centroid_Y\n"
+    assert len(read_recording(write(head + b"1,1,1,1\n" * 1000), FORMS["magni"])[0].t) == 1
+    with pytest.raises(DataError, match=r"recording\.csv: stands for 1 MB, over 1 MB and 10 times its size"):
+        read_recording(write(head + b"1,1,1,1\n" * 8000), FORMS["magni"])
+
+
+def test_columns_of_magni_have_a_limit(write):
+    """Eight million of them took more than four gigabytes, and ended the process."""
+    head = b"KEY,1\nFrame,Time,Helmet_1 Centroid_X,Helmet_1 Centroid_Y"
+    refused(write(head + b",a" * MOST_COLUMNS + b"\n1,1,1,1\n"), "magni", "row 2: 10004 columns; at most 10000")
 
 
 def test_fill_values_of_hdf5_are_not_made(tmp_path):

@@ -57,7 +57,8 @@ def sqlite(*commands: str, rows: Iterable[tuple[Any, ...]] = ()) -> Callable[[Pa
             file.execute("INSERT INTO metadata VALUES ('fps', '10')")
             for command in commands:
                 file.execute(command)
-            file.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?)", rows)
+            if rows:
+                file.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?)", rows)
         file.close()
 
     return write

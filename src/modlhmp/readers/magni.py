@@ -12,8 +12,10 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
+from modlhmp.readers.jupedsim import ROW_BYTES
 from modlhmp.readers.raw import read_whole
-from modlhmp.storage import DataError
+from modlhmp.readers.start import MOST_COLUMNS
+from modlhmp.storage import DataError, check_held
 from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
 
@@ -35,6 +37,7 @@ def read(path: str | Path, origin: float, day: tuple[float, float] | None = None
             f"{path}: no columns `Time` and `Helmet_1 Centroid_X`: is `reader: magni` right? Files with one row per "
             "person and time are read by `reader: delimited`"
         )
+    check_held(path, ROW_BYTES * len(table["Time"]) * len(set(bodies)))
     account, pieces = Account(), []
     seconds = _numbers(table, "Time")
     for body in sorted(set(bodies)):
@@ -59,6 +62,8 @@ def _table(path):
     at = next((n for n, line in enumerate(lines[:-1]) if line.startswith((b"Frame,", b"Time,"))), None)
     if at is None:
         raise DataError(f"{path}: no line of column names that begins with `Frame,`: is `reader: magni` right?")
+    if (columns := lines[at].count(b",") + 1) > MOST_COLUMNS:
+        raise DataError(f"{path}, row {at + 1}: {columns} columns; at most {MOST_COLUMNS} are read")
     names = [name.strip().strip('"') for name in lines[at].decode("utf-8", "replace").strip().split(",")]
     body = b"\n".join(lines[at + 1 :])
     if not body.strip():
