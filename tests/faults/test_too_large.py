@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 import modlhmp
-from modlhmp import storage
+from modlhmp import ids, storage
 from modlhmp.cli import main
 from modlhmp.exchange import cliff_xml, columns, rows, tracks
 from modlhmp.exchange.forecasts import TYPES, read_samples
@@ -25,7 +25,7 @@ from modlhmp.exchange.tracks import read_tracks_table
 from modlhmp.file_format import Columns, FileFormat
 from modlhmp.floor_plan import load_floor_plan
 from modlhmp.inspection.guess import guess
-from modlhmp.readers import raw, read_recording
+from modlhmp.readers import edinburgh, raw, read_recording
 from modlhmp.readers.numerals import number
 from modlhmp.readers.start import MOST_COLUMNS
 from modlhmp.storage import DataError
@@ -303,6 +303,22 @@ def test_a_text_of_parquet_that_stands_for_many_is_refused(tmp_path, monkeypatch
             assert list(read_tracks_table(tmp_path / "t.parquet")[1].values()) == ["a" * 10]
     with pytest.raises(DataError, match=r"t\.parquet: column track_id has more than 1 MiB of text; shorten it"):
         read_tracks_table(tmp_path / "t.parquet")
+
+
+def test_people_of_a_recording_have_a_limit(write, monkeypatch):
+    """Four million names took 1.8 GB."""
+    monkeypatch.setattr(ids, "MOST_PEOPLE", 3)
+    for people in (3, 6):
+        path = write("".join(f"{n},a{k},1,1\n" for k in range(people) for n in range(2)))
+        if people == 3:
+            assert len(read_recording(path, FORMS["csv"])[0].t) == 6
+    refused(path, "csv", r"recording\.csv, row 9: more than 3 ids that are texts: divide the file by people")
+
+
+def test_tracks_of_edinburgh_have_a_limit(write, monkeypatch):
+    monkeypatch.setattr(edinburgh, "MOST_PEOPLE", 2)
+    path = write("".join(f"TRACK.R{n}=[[1 2 3]];\n" for n in (1, 2, 3)))
+    refused(path, "edinburgh", r"recording\.csv, line 3: more than 2 tracks; divide the file")
 
 
 @pytest.mark.parametrize("read", [lambda path: read_samples(path, 1.0), read_tracks_table])

@@ -14,13 +14,12 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.exchange.columns import line_of, read_columns
-from modlhmp.ids import id_of
+from modlhmp.ids import MOST_PEOPLE, id_of
 from modlhmp.storage import DataError, column
 from modlhmp.tracks import Tracks
 
 NEEDED, RECORDED = ("track_id", "t", "x", "y"), ("speed", "heading")
 TYPES = {"track_id": pa.string()} | dict.fromkeys((*NEEDED[1:], *RECORDED), pa.float64())
-MOST_PEOPLE = 1_000_000  # in a file, whose names are held one by one
 
 
 def tracks_table(tracks: Tracks) -> pa.Table:
