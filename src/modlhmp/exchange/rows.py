@@ -90,8 +90,8 @@ def read_rows(source: Source, most: int | None = None) -> Rows:
                 "two files in one?"
             )
         width = len(fields)
-        found = [number(field) for field in fields]
-        if None in found or not all(map(math.isfinite, found)):
+        found = [value for field in fields if (value := number(field)) is not None and math.isfinite(value)]
+        if len(found) < len(fields):
             found = [finite(field, f"{where}: row {row}, column {at}") for at, field in enumerate(fields, 1)]
         values.extend(found)
         numbers.append(row)

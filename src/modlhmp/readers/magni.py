@@ -71,12 +71,17 @@ def _table(path):
     if not body.isascii():  # a row of another length would fail in Arrow, which shows it as text
         body = body.decode("utf-8", "replace").encode()
     keys = [f"{n}" for n in range(len(names))]
-    skipped = []
+    skipped: list[int] = []
+
+    def skip(row: pa_csv.InvalidRow) -> str:
+        skipped.append(row.number)
+        return "skip"
+
     try:
         table = pa_csv.read_csv(
             pa.BufferReader(body),
             pa_csv.ReadOptions(column_names=keys),
-            pa_csv.ParseOptions(invalid_row_handler=lambda row: skipped.append(row.number) or "skip"),
+            pa_csv.ParseOptions(invalid_row_handler=skip),
             pa_csv.ConvertOptions(column_types=dict.fromkeys(keys, pa.string())),
         )
     except pa.ArrowInvalid as error:
