@@ -59,13 +59,15 @@ def load_floor_plan(path: str | Path) -> FloorPlan:
         raise DataError(f'{path}: reading a floor plan needs Pillow: pip install "modlhmp[plans]"')
     with boundary(path, "cannot be read as a floor plan"):
         settings = _settings_of(path)
-        image = _read_image(path, Path(path).parent / settings.image)
-    cells = np.concatenate([_cells_of(part, settings) for part in _bands(image)])
+        parts, grey_is_free = [], False
+        for pixels in _bands(path, Path(path).parent / settings.image):
+            parts.append(part := _cells_of(pixels, settings))
+            grey_is_free |= bool((part[255 * pixels.colour == _SAVED_UNKNOWN * pixels.white] == FREE).any())
+        cells = np.concatenate(parts)
     if not (cells == OCCUPIED).any():
         _LOG.warning("%s: no cell is occupied; check `mode`, `negate` and the thresholds", path)
-    saved = settings.mode == "trinary" and not settings.negate
-    if saved and (cells[255 * image.colour == _SAVED_UNKNOWN * image.white] == FREE).any():
-        remedy = "write free_thresh: 0.196" + (" and save the image without alpha" if image.alpha is not None else "")
+    if grey_is_free and settings.mode == "trinary" and not settings.negate:
+        remedy = "write free_thresh: 0.196" + (" and save the image without alpha" if pixels.alpha is not None else "")
         _LOG.warning(
             "%s: pixels of grey 205, map_saver's unknown, are free; if they should be unknown, %s", path, remedy
         )
@@ -113,7 +115,7 @@ class _Settings(NamedTuple):
 
 
 class _Pixels(NamedTuple):
-    """An image: `colour` [rows, columns] from 0, black, to `white`, row 0 at the top.
+    """A part of an image: `colour` [rows, columns] from 0, black, to `white`, row 0 at the top.
 
     `alpha` is None, or [rows, columns] from 0 to `white`, opaque.
     """
@@ -165,7 +167,7 @@ def _number(value):
 
 
 def _read_image(path, file):
-    """The `_Pixels` of an image file; `DataError` that names it and the floor plan at `path`."""
+    """An image file, decoded; `DataError` that names it and the floor plan at `path`."""
     from PIL import Image  # noqa: PLC0415 - see load_floor_plan
 
     try:
@@ -174,7 +176,7 @@ def _read_image(path, file):
             with Image.open(file, formats=_FORMATS) as image:
                 if image.width * image.height > MOST_PIXELS:
                     raise Image.DecompressionBombError(f"{image.width} x {image.height} pixels")
-                pixels = _pixels(image)
+                image.load()
     except Image.DecompressionBombError as error:
         raise DataError(
             f"{path}: image {file} is too large ({error}): at most {MOST_PIXELS // 10**6} million pixels are read; cut "
@@ -189,43 +191,43 @@ def _read_image(path, file):
     except Exception as error:  # Pillow's decoders raise nearly anything at damaged bytes
         reason = str(error).replace(f" {str(file)!r}", "") or type(error).__name__
         raise DataError(f"{path}: image {file} cannot be read ({reason}); save it again as PNG or PGM") from None
-    if pixels is None:
+    return image
+
+
+def _bands(path, file):
+    """Yield the `_Pixels` of an image file in bands of rows: what is computed of them takes many times their memory."""
+    image = _read_image(path, file)
+    wide = image.mode.startswith("I;16") or (image.mode == "I" and image.format in {"PNG", "PPM"})
+    if image.mode == "I" and not wide:  # nothing says how large white is
         raise DataError(f"{path}: image {file} has 32 bit whole numbers; save it with 8 or 16 bit")
-    wrong = pixels.colour[(pixels.colour < 0) | (pixels.colour > pixels.white)]  # of floats; not a number is unknown
-    if wrong.size:
-        raise DataError(f"{path}: image {file} holds {wrong[0]}; numbers with a point go from 0, black, to 1, white")
-    return pixels
+    rows = max(_BAND_PIXELS // max(image.width, 1), 1)
+    for first in range(0, image.height, rows):
+        pixels = _pixels(image.crop((0, first, image.width, min(first + rows, image.height))), wide)
+        wrong = pixels.colour[(pixels.colour < 0) | (pixels.colour > pixels.white)]  # of floats; no number is unknown
+        if wrong.size:
+            raise DataError(
+                f"{path}: image {file} holds {wrong[0]}; numbers with a point go from 0, black, to 1, white"
+            )
+        yield pixels
 
 
-def _pixels(image):
-    """The `_Pixels` of an open image; None if nothing says how large white is.
+def _pixels(image, wide):
+    """The `_Pixels` of a decoded image, of which `wide` says whether it has 16 bit.
 
     By hand for what has more than 8 bit, which Pillow would cut off at 255.
     """
-    wide = image.mode.startswith("I;16") or (image.mode == "I" and image.format in {"PNG", "PPM"})
     key = image.info.get("transparency")
     if wide:
         colour = np.asarray(image).astype(np.int32)
         return _Pixels(colour, None if key is None else np.where(colour == key, 0, 65535), 65535)
     if image.mode == "F":
         return _Pixels(np.asarray(image, np.float64), None, 1)
-    if image.mode == "I":
-        return None
     if key is not None or image.mode in {"LA", "PA", "RGBA", "La", "RGBa"}:
         channels = np.asarray(image.convert("RGBA"))
         return _Pixels(channels[..., :3].sum(axis=2, dtype=np.int32), 3 * channels[..., 3].astype(np.int32), 765)
     if image.mode in {"1", "L"}:
         return _Pixels(np.asarray(image.convert("L")).astype(np.int32), None, 255)
     return _Pixels(np.asarray(image.convert("RGB")).sum(axis=2, dtype=np.int32), None, 765)
-
-
-def _bands(image):
-    """An image in bands of rows: what is computed of one takes many times its memory."""
-    rows = max(_BAND_PIXELS // max(image.colour.shape[1], 1), 1)
-    for first in range(0, len(image.colour), rows):
-        band = slice(first, first + rows)
-        alpha = None if image.alpha is None else image.alpha[band]
-        yield _Pixels(image.colour[band], alpha, image.white)
 
 
 def _cells_of(image, settings):

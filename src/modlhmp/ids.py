@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping
 
 from modlhmp.storage import DataError
 
+MOST_PEOPLE = 1_000_000  # of a file: their names are held one by one
 LARGEST = 2**62  # whole numbers below stand for themselves, numbers of texts are from here to 2^63
 NOBODY = frozenset({"", "nan", "NaN", "NA", "N/A", "null", "None"})  # how tables write that there is no id
 _PLAIN = re.compile(r"-?[1-9][0-9]{0,18}|0")
@@ -42,6 +43,11 @@ class Owners:
             if other != (text, piece):
                 raise DataError(f"ids {other[0]!r} and {text!r} have the same number {found}: rename one of them")
         return found
+
+    def check(self) -> None:
+        """`DataError` where a file has more people than can be held."""
+        if len(self.known) > MOST_PEOPLE:
+            raise DataError(f"more than {MOST_PEOPLE:,} ids that are texts: divide the file by people")
 
     def text(self, track_id: int) -> str:
         """The owner's id of a track."""

@@ -9,6 +9,7 @@ Values of grids are per cent, as ROS has them. A bag is a folder with `metadata.
 """
 
 import json
+import shutil
 from numbers import Real
 from pathlib import Path
 from types import ModuleType
@@ -20,7 +21,7 @@ from modlhmp.arguments import path_of
 from modlhmp.forecasting.occupancy import Occupancy
 from modlhmp.forecasting.ranking import best_path
 from modlhmp.futures import Futures
-from modlhmp.storage import DataError, atomic_path, write_text
+from modlhmp.storage import DataError, atomic_path, put_in_place, temporary_name, write_text
 
 OCCUPANCY, PATH = "/modlhmp/occupancy", "/modlhmp/path/person_{}"  # topics
 LATEST_S = 2.0**31  # a message's seconds have 32 bits
@@ -70,15 +71,19 @@ def write_bag(futures: Futures, occupancy: Occupancy, path: str | Path, frame: s
     if not 0 <= t0 < LATEST_S - occupancy.times_s[-1]:
         raise DataError(f"write_bag: t0 {t0}: ROS has times from 0 to {LATEST_S:.0f} s (unix)")
     rosbag2, store = _rosbags(path)
+    part = temporary_name(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with rosbag2.Writer(path, version=8, storage_plugin=rosbag2.StoragePlugin.MCAP) as bag:
+        part.mkdir(parents=True)
+        with rosbag2.Writer(part / path.name, version=8, storage_plugin=rosbag2.StoragePlugin.MCAP) as bag:
             for who, one in zip(futures.track_id.tolist(), _paths(futures), strict=True):
                 _write(bag, store, PATH.format(str(who).replace("-", "m")), _path(store, t0, one, frame), t0)
             for after_s, grid in zip(occupancy.times_s.tolist(), percent(occupancy), strict=True):
                 _write(bag, store, OCCUPANCY, _grid(store, occupancy, grid, t0 + after_s, frame), t0 + after_s)
+        put_in_place(part / path.name, path)
     except OSError as error:
         raise DataError(f"{path}: cannot be written ({error})") from None
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def percent(occupancy: Occupancy) -> np.ndarray:

@@ -12,6 +12,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -27,7 +28,7 @@ SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64
 _NOT_AS_WRITTEN = "is not as it was written (its seal does not fit); delete it and make it again"
 _SEAL_OF_TEXT = re.compile(rb'"modlhmp\.seal": ?"')  # what stands before the seal in JSON
 _WIDTHS = {"BOOLEAN": 1, "INT32": 4, "FLOAT": 4}  # bytes of a value in memory; others have 8, or are held once
-_TEMPORARY = re.compile(r"\..+\.([1-9]\d*)\.part")  # a name that `atomic_path` gives: whose, and by which process
+_TEMPORARY = re.compile(r"\..+\.([1-9]\d*)\.part")  # a `temporary_name`: whose, and by which process
 _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
 }  # fmt: skip
@@ -64,6 +65,21 @@ def boundary(source: object, remedy: str) -> Iterator[None]:
     except Exception as error:
         reason = (str(error).splitlines() or [""])[0][:200]
         raise DataError(f"{source}: {remedy} ({type(error).__name__}: {reason}); {UNFORESEEN}") from error
+
+
+@contextmanager
+def refused(told: str, *kinds: type[Exception], remedy: str = "") -> Iterator[None]:
+    """Errors of such kinds that a library raises within as ours: what is `told`, the reason, the remedy.
+
+    Errors of ours, which are ValueErrors too, stay as they are.
+    """
+    try:
+        yield
+    except DataError:
+        raise
+    except kinds as error:
+        reason = getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
+        raise DataError(f"{told} ({reason}){remedy and '; '}{remedy}") from None
 
 
 def write_parquet(table: pa.Table | Mapping[str, Any], path: str | Path, **provenance: Any) -> None:
@@ -228,11 +244,10 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
 def read_json(path: str | Path) -> dict[str, Any]:
     """The mapping that `write_json` wrote; a missing or damaged file is a `DataError` that says how to get it back."""
+    whole = read_sealed(path)
     try:
-        content = json.loads(read_sealed(path))
+        content = json.loads(whole)
         del content[SEAL.decode()]
-    except DataError:
-        raise
     except (ValueError, TypeError, KeyError, RecursionError):
         raise DataError(f"{path}: is no JSON that modlhmp has written; delete it and make it again") from None
     return content
@@ -276,12 +291,17 @@ def write_text(path: str | Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def temporary_name(path: Path) -> Path:
+    """A name beside `path`, of which `remove_leftovers` knows that this process gave it."""
+    return path.with_name(f".{path.name}.{os.getpid()}.part")
+
+
 class atomic_path:  # noqa: N801 - reads as a verb in `with atomic_path(path) as temporary`
     """Context that yields a temporary name beside `path` and renames it on success, removes it on failure."""
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.temporary = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+        self.temporary = temporary_name(self.path)
 
     def __enter__(self) -> Path:
         try:
@@ -312,31 +332,32 @@ class atomic_path:  # noqa: N801 - reads as a verb in `with atomic_path(path) as
 
 
 def put_in_place(temporary: Path, path: Path) -> None:
-    """Give a written file its name, in place of what has it; the two are in one folder.
+    """Give a written file, or a folder of files, its name, in place of what has it; the two are on one disk.
 
     Its bytes are on disk before and its name after: a loss of power leaves what was there, or the whole new file, and
     what is done stays done.
     """
-    _sync(temporary)
+    for written in (*temporary.glob("*"), temporary):
+        _sync(written)
     temporary.replace(path)
-    try:
-        _sync(path.parent)
-    except OSError as error:
-        if error.errno not in _NO_SYNC:
-            raise
+    _sync(path.parent)
 
 
 def _sync(path: Path) -> None:
     """Wait until a file, or what stands in a folder, is on disk."""
-    handle = os.open(path, os.O_RDONLY)
     try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+        handle = os.open(path, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    except OSError as error:
+        if error.errno not in _NO_SYNC or not path.is_dir():
+            raise
 
 
 def remove_leftovers(*folders: str | Path) -> list[Path]:
-    """Delete the temporary files (`atomic_path`) in folders and below whose writers are no more; returns them.
+    """Delete what has a `temporary_name` in folders and below whose writers are no more; returns them.
 
     A process that is killed cannot delete its own. Folders that do not exist hold none.
     """
@@ -344,7 +365,7 @@ def remove_leftovers(*folders: str | Path) -> list[Path]:
     for path in (path for folder in folders for path in sorted(Path(folder).rglob(".*.part"))):
         writer = _TEMPORARY.fullmatch(path.name)
         if writer and not _runs(int(writer[1])):
-            path.unlink(missing_ok=True)
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink(missing_ok=True)
             left.append(path)
     return left
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, refused
 
 _MERGE = "tag:yaml.org,2002:merge"  # <<, of which there may be several
 MOST_CHARACTERS, MOST_VALUES, MOST_DEEP = 250_000, 100_000, 50
@@ -36,31 +36,35 @@ def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
     try:
         with open(path, encoding="utf-8") as file:
             text = file.read(MOST_CHARACTERS + 1)
-        if len(text) > MOST_CHARACTERS:
-            raise DataError(f"{path}: more than {MOST_CHARACTERS} characters, which {what} does not need; divide it")
-        loader = _Loader(text)
-        loader.name = str(path)
-        written = loader.get_single_node()
-        if (values := _values_in(written, {})) > MOST_VALUES:
-            raise DataError(f"{path}: stands for {values:.3g} values, by aliases (*) of aliases; write fewer of them")
-        _check_keys(path, written, set())
-        listed = _dates_as_text(None if written is None else loader.construct_document(written))
-    except DataError:
-        raise
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise DataError(f"{path}, line {line}: not valid YAML: not UTF-8; save the file in that encoding") from None
+    if len(text) > MOST_CHARACTERS:
+        raise DataError(f"{path}: more than {MOST_CHARACTERS} characters, which {what} does not need; divide it")
+    try:
+        # The last two: a date that does not exist.
+        with refused(f"{path}: not valid YAML", yaml.reader.ReaderError, ValueError, OverflowError):
+            listed = _values(path, text)
     except yaml.MarkedYAMLError as error:
         raise DataError(f"{path}{_explained(error)}") from None
-    except (yaml.YAMLError, ValueError, OverflowError) as error:  # the last two: a date that does not exist
-        raise DataError(f"{path}: not valid YAML: {str(error).splitlines()[0]}") from None
     except RecursionError:
         raise DataError(f"{path}: not valid YAML: an alias (*) within what it stands for") from None
     if not isinstance(listed, dict):
         raise DataError(f"{path}: {what} is a mapping of keys, see config/README.md")
     return listed
+
+
+def _values(path: str | Path, text: str) -> Any:
+    """What a text of YAML stands for."""
+    loader = _Loader(text)
+    loader.name = str(path)
+    written = loader.get_single_node()
+    if (values := _values_in(written, {})) > MOST_VALUES:
+        raise DataError(f"{path}: stands for {values:.3g} values, by aliases (*) of aliases; write fewer of them")
+    _check_keys(path, written, set())
+    return _dates_as_text(None if written is None else loader.construct_document(written))
 
 
 def _values_in(node: yaml.Node | None, known: dict[int, int]) -> int:

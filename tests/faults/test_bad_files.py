@@ -9,14 +9,10 @@ import zipfile
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import Columns, FileFormat, Recording
-from modlhmp.readers import read_recording
 from modlhmp.storage import DataError
-from modlhmp.study import demo
 
 LONDON = {"timezone": "Europe/London"}
 FORUM = {**LONDON, "frame_rate": 9.0, "scale": 0.0247}
@@ -48,7 +44,6 @@ GOOD = {
     "positions": "".join(f"{k}.5,{p},{k}.25,{p}\n" for p in (1, 2) for k in STEPS),
 }
 TABLES = [form for form in GOOD if form != "edinburgh"]
-COUNTER = itertools.count()
 
 
 def clean(path, form, cleaning=("single_row", "gap_over_5s")):
@@ -404,78 +399,3 @@ def test_garbage_in_the_middle_is_counted(write, form):
     expected = clean(write(GOOD[form], "good.csv"), form)[0]
     np.testing.assert_array_equal(tracks.x, expected.x)
     assert sum(account["rows"]["dropped"].values()) == (0 if form == "edinburgh" else 1)
-
-
-# --- fuzz ---------------------------------------------------------------------------------------------------
-
-BYTES = st.one_of(
-    st.binary(max_size=4),
-    st.sampled_from([b",", b"\n", b"\r", b'"', b"[", b"]", b";", b" ", b"-", b".", b"e", b"9", b"e9", b"nan", b"inf",
-                     b"99999999999999999999", b"\x00", b"TRACK.R1=[[1 2 3]];\n"]),
-)  # fmt: skip
-EDITS = st.lists(
-    st.tuples(st.sampled_from(["flip", "insert", "delete", "copy"]), st.floats(0, 1), st.integers(1, 40), BYTES),
-    min_size=1,
-    max_size=6,
-)
-
-
-def mutated(content, edits):
-    """`content` with bytes flipped, inserted, deleted or repeated at relative places."""
-    data = bytearray(content)
-    for kind, place, length, new in edits:
-        at = int(place * len(data))
-        if kind == "flip":
-            data[at : at + len(new)] = bytes(byte ^ 1 << length % 8 for byte in data[at : at + len(new)])
-        elif kind == "insert":
-            data[at:at] = new
-        elif kind == "delete":
-            del data[at : at + length]
-        else:
-            data[at:at] = data[at : at + length]
-    return bytes(data)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("fuzz")
-
-
-@pytest.mark.parametrize("form", GOOD)
-@settings(max_examples=150)
-@given(edits=EDITS)
-def test_any_damage_adds_up_or_is_refused(folder, form, edits):
-    path = folder / f"{next(COUNTER)}.csv"
-    path.write_bytes(mutated(GOOD[form].encode(), edits))
-    try:
-        read_or_refused(path, form)
-        read_or_refused(path, form, cleaning=())
-    finally:
-        path.unlink()
-
-
-@pytest.mark.parametrize("suffix", [".gz", ".bz2", ".zip"])
-@settings(max_examples=100)
-@given(edits=EDITS)
-def test_any_damage_to_an_archive_adds_up_or_is_refused(folder, suffix, edits):
-    path = packed(folder, GOOD["atc_1hz"].encode(), suffix)
-    path.write_bytes(mutated(path.read_bytes(), edits))
-    read_or_refused(path, "atc_1hz")
-
-
-@pytest.mark.parametrize(("site", "name"), [("hall", "atc-20301009.csv"), ("forum", "tracks.04Nov.txt")])
-@settings(max_examples=25)
-@given(edits=EDITS)
-def test_any_damage_to_a_demo_day_adds_up_or_is_refused(folder, load_shipped, site, name, edits):
-    good = folder / f"good-{name}"
-    if not good.exists():
-        demo.write_recording(good, site, "2030-10-09", seed=1, scale=0.02)
-    path = folder / name
-    path.write_bytes(mutated(good.read_bytes(), edits))
-    dataset = load_shipped(f"demo_{site}", folder)
-    try:
-        tracks, account = read_recording(path, dataset, "2030-10-09", dataset.recording(path.stem).start)
-    except DataError as error:
-        assert name in str(error)
-    else:
-        assert account.rows_read == len(tracks.t) + sum(account.dropped_rows.values())

@@ -35,6 +35,7 @@ from modlhmp.storage import (
     atomic_path,
     boundary,
     read_json,
+    refused,
     sealed,
     unsealed,
     write_json,
@@ -175,18 +176,6 @@ def test_a_dataset_file_with_any_value_anywhere(folder, key, value, within):
     cleaned(folder, listed)
 
 
-@settings(max_examples=100, derandomize=True, deadline=None)
-@given(st.text(st.sampled_from("a:-[]{}&*!|>'\"\n \t#?,1<%@`"), max_size=40))
-def test_a_file_that_is_hardly_yaml(folder, text):
-    assert cleaned(folder, text.encode("utf-8").decode())
-
-
-@settings(max_examples=200, derandomize=True, deadline=None)
-@given(at=st.integers(0, len(ROWS)), text=st.text(max_size=8), length=st.integers(0, 30))
-def test_a_recording_with_any_text_in_it(folder, at, text, length):
-    cleaned(folder, DATASET, ROWS[:at] + text + ROWS[at + length :])
-
-
 def test_what_nobody_foresaw_is_ours_and_says_so():
     with (
         pytest.raises(
@@ -198,6 +187,21 @@ def test_what_nobody_foresaw_is_ours_and_says_so():
     assert isinstance(error.value.__cause__, KeyError)
     with pytest.raises(MemoryError), boundary("day.csv", "cannot be read"):
         raise MemoryError
+
+
+def test_what_is_foreseen_is_told_and_errors_of_ours_stay():
+    for error, told in [
+        (ValueError("a\nb"), "day.csv: not a number (a); correct it"),
+        (OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG)), "day.csv: not a number (File name too long); "),
+        (DataError("day.csv: mine"), "day.csv: mine"),
+    ]:
+        with (
+            pytest.raises(DataError, match=re.escape(told)),
+            refused("day.csv: not a number", ValueError, OSError, remedy="correct it"),
+        ):
+            raise error
+    with pytest.raises(KeyError), refused("day.csv: not a number", ValueError):
+        raise KeyError
 
 
 # --- what goes out ------------------------------------------------------------------------------------------

@@ -10,12 +10,14 @@ import stat
 from functools import partial
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 import pytest
 import torch
 
-from modlhmp import storage
+from modlhmp import Futures, Site, ros, storage
 from modlhmp.exchange.columns import write_columns
+from modlhmp.forecasting.base import Forecast
 from modlhmp.networks.training import save_checkpoint
 from modlhmp.networks.weights import write_weights
 from modlhmp.study import fetch
@@ -23,6 +25,11 @@ from modlhmp.study import fetch
 NEW = b"new " * 5000
 TABLE = pa.table({"x": [0.5] * 1000, "name": ["a"] * 1000})
 ABSENT = None
+
+
+def content(path):
+    """The bytes of a file, or of the files in a folder by their names."""
+    return {file.name: file.read_bytes() for file in path.iterdir()} if path.is_dir() else path.read_bytes()
 
 
 class Disk:
@@ -52,17 +59,23 @@ class Disk:
             here = os.fstat(handle).st_ino
             self.names |= {path: number for path, number in self.renamed if path.parent.stat().st_ino == here}
             self.renamed = [one for one in self.renamed if one[0].parent.stat().st_ino != here]
+            files = [file for file in Path(f"/proc/self/fd/{handle}").iterdir() if file.is_file()]
+            self.bytes[self._number(os.dup(handle))] = {
+                file.name: self.bytes.get(file.stat().st_ino, b"") for file in files
+            }
         else:
-            self.bytes[self._number(os.dup(handle))] = Path(f"/proc/self/fd/{handle}").read_bytes()
+            self.bytes[self._number(os.dup(handle))] = content(Path(f"/proc/self/fd/{handle}"))
         self.look()
 
     def rename(self, name, source, target):
         self.look()
         target = Path(target)
-        self.whole.setdefault(target, [ABSENT]).append(Path(source).read_bytes())
+        if any(part.endswith(".part") for part in target.parts):  # a name that nobody will look under
+            return self.real[name](source, target)
+        self.whole.setdefault(target, [ABSENT]).append(content(Path(source)))
         self.renamed.append((target, self._number(os.open(source, os.O_RDONLY))))
         self.real[name](source, target)
-        self.look()
+        return self.look()
 
     def possible(self, path):
         """What may stand under a name after a loss of power now."""
@@ -80,9 +93,10 @@ class Disk:
     def end(self):
         """All is written, and stays so; nothing was written under its own name."""
         self.look()
-        for path in filter(Path.is_file, self.folder.rglob("*")):
+        for file in filter(Path.is_file, self.folder.rglob("*")):
+            path = file.parent if file.parent in self.whole else file  # of a folder that was put in place
             assert path in self.whole, f"{path.name} was written under its own name"
-            assert path.read_bytes() == self.whole[path][-1], f"{path.name} was changed under its own name"
+            assert content(path) == self.whole[path][-1], f"{path.name} was changed under its own name"
             assert self.possible(path) == self.whole[path][-1:], f"{path.name} may be gone again"
 
 
@@ -133,6 +147,34 @@ WRITERS = {
 }
 
 
+@pytest.fixture
+def write_bag():
+    """What writes a forecast, made before, as a bag at a path."""
+    pytest.importorskip("rosbags", reason="rosbags is an extra: pip install 'modlhmp[ros]'")
+    walked = np.ones((1, 1, 2, 2), np.float32)
+    samples = Forecast(walked, np.zeros((1, 1, 2), np.float32), np.full((1, 1), 2, np.int32), "medoid")
+    futures = Futures(np.array([7]), np.array([1.3e9]), np.zeros((1, 2)), samples, Site(horizon_s=2))
+    return partial(ros.write_bag, futures, futures.occupancy(cell_m=1.0))
+
+
+def test_a_bag_is_a_folder_of_whole_files_or_none(tmp_path, disk, write_bag):
+    model = disk()
+    write_bag(tmp_path / "bag")
+    assert set(content(tmp_path / "bag")) == {"bag.mcap", "metadata.yaml"}
+    assert model.points >= 8
+    model.end()
+    assert list(tmp_path.iterdir()) == [tmp_path / "bag"]
+
+
+def test_the_model_finds_a_folder_of_which_only_the_name_is_on_disk(tmp_path, disk, monkeypatch, write_bag):
+    model = disk()
+    monkeypatch.setattr(ros, "put_in_place", folder_alone)
+    with pytest.raises(AssertionError, match=r"bag: .* of it is left"):
+        write_bag(tmp_path / "bag")
+    assert model.points
+    assert list(tmp_path.iterdir()) == [tmp_path / "bag"]
+
+
 @pytest.mark.parametrize("there", [False, True], ids=["absent", "old"])
 @pytest.mark.parametrize("name", WRITERS)
 def test_every_writer(tmp_path, disk, name, there):
@@ -180,6 +222,12 @@ def never_synced(temporary, path):
 def folder_never_synced(temporary, path):
     storage._sync(temporary)
     temporary.replace(path)
+
+
+def folder_alone(temporary, path):
+    storage._sync(temporary)
+    temporary.replace(path)
+    storage._sync(path.parent)
 
 
 WRONG = {

@@ -5,6 +5,7 @@ import gzip
 import io
 import sqlite3
 import time
+import tracemalloc
 import zipfile
 
 import h5py
@@ -15,15 +16,16 @@ import pytest
 from PIL import Image
 
 import modlhmp
+from modlhmp import ids, storage
 from modlhmp.cli import main
-from modlhmp.exchange import cliff_xml, columns, rows
-from modlhmp.exchange.forecasts import read_samples
+from modlhmp.exchange import cliff_xml, columns, rows, tracks
+from modlhmp.exchange.forecasts import TYPES, read_samples
 from modlhmp.exchange.hand_in import read_sheet
 from modlhmp.exchange.tracks import read_tracks_table
 from modlhmp.file_format import Columns, FileFormat
 from modlhmp.floor_plan import load_floor_plan
 from modlhmp.inspection.guess import guess
-from modlhmp.readers import raw, read_recording
+from modlhmp.readers import edinburgh, raw, read_recording
 from modlhmp.readers.numerals import number
 from modlhmp.readers.start import MOST_COLUMNS
 from modlhmp.storage import DataError
@@ -171,6 +173,20 @@ def test_a_plan_s_cells_do_not_depend_on_the_bands_it_is_read_in(tmp_path, monke
         np.testing.assert_array_equal(load_floor_plan(tmp_path / "plan.yaml").cells, whole)
 
 
+def test_colours_of_a_large_plan_are_not_all_held_at_once(tmp_path):
+    """As numbers they take twenty bytes a pixel, four in the image and one in the plan."""
+    Image.new("RGBA", (3000, 3000)).save(tmp_path / "plan.png")
+    (tmp_path / "plan.yaml").write_text(
+        "image: plan.png\nresolution: 0.5\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    load_floor_plan(tmp_path / "plan.yaml")
+    tracemalloc.start()  # of numpy's arrays, not of Pillow's image
+    load_floor_plan(tmp_path / "plan.yaml")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 7 * 3000 * 3000
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -241,6 +257,26 @@ def test_columns_of_forecasts_are_looked_at_before_they_are_read(tmp_path, monke
         read_samples(path, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("header", "match"), [("a," * 5_000, "column named 'a'"), ("x," * 5_000, "two columns"), ("\xff", "column named")]
+)
+def test_columns_of_a_stream_are_looked_at_before_it_is_read(monkeypatch, header, match):
+    rows = io.BytesIO(header.encode("latin-1") + b"\n")
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(rows))
+    monkeypatch.setattr(columns.pc, "read_csv", None)
+    with pytest.raises(DataError, match=f"-: .*{match}"):
+        read_samples("-", 1.0)
+
+
+def test_what_was_looked_at_of_a_stream_is_read_with_the_rest(monkeypatch):
+    whole = b"\xef\xbb\xbftrack_id,step,x,y\n" + b"".join(b"1,%d,2,3\n" % step for step in range(1, 300_000))
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(whole)))
+    assert columns.read_columns("-", TYPES).column("step").to_pylist() == list(range(1, 300_000))
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(whole + b"1,1,2,b\n")))
+    with pytest.raises(DataError, match="-, row 300001: y 'b' is not a number"):
+        columns.read_columns("-", TYPES)
+
+
 def test_a_name_within_quotes_is_one_column(write):
     with pytest.raises(DataError, match=r"f\.csv.*x,y"):
         read_samples(write(b'track_id,step,"x,y"\n1,1,1\n', "f.csv"), 1.0)
@@ -267,6 +303,53 @@ def test_a_text_of_parquet_that_stands_for_many_is_refused(tmp_path, monkeypatch
             assert list(read_tracks_table(tmp_path / "t.parquet")[1].values()) == ["a" * 10]
     with pytest.raises(DataError, match=r"t\.parquet: column track_id has more than 1 MiB of text; shorten it"):
         read_tracks_table(tmp_path / "t.parquet")
+
+
+def test_people_of_a_recording_have_a_limit(write, monkeypatch):
+    """Four million names took 1.8 GB."""
+    monkeypatch.setattr(ids, "MOST_PEOPLE", 3)
+    for people in (3, 6):
+        path = write("".join(f"{n},a{k},1,1\n" for k in range(people) for n in range(2)))
+        if people == 3:
+            assert len(read_recording(path, FORMS["csv"])[0].t) == 6
+    refused(path, "csv", r"recording\.csv, row 9: more than 3 ids that are texts: divide the file by people")
+
+
+def test_tracks_of_edinburgh_have_a_limit(write, monkeypatch):
+    monkeypatch.setattr(edinburgh, "MOST_PEOPLE", 2)
+    path = write("".join(f"TRACK.R{n}=[[1 2 3]];\n" for n in (1, 2, 3)))
+    refused(path, "edinburgh", r"recording\.csv, line 3: more than 2 tracks; divide the file")
+
+
+@pytest.mark.parametrize("read", [lambda path: read_samples(path, 1.0), read_tracks_table])
+def test_people_have_a_limit(write, monkeypatch, read):
+    monkeypatch.setattr(tracks, "MOST_PEOPLE", 2)
+    for people in (2, 3):
+        path = write("track_id,t,x,y\n" + "".join(f"a{n},1,1,1\n" for n in range(people)), "f.csv")
+        if people == 2:
+            read(path)
+    with pytest.raises(DataError, match=r"f\.csv: 3 track ids; at most 2 of a file are read: divide it"):
+        read(path)
+
+
+@pytest.mark.parametrize("row", [b"\n", b"\r", b"1,1,1,1\n"])
+@pytest.mark.parametrize("read", [lambda path: read_samples(path, 1.0), read_tracks_table])
+def test_lines_of_forecasts_and_tracks_that_stand_for_more_than_can_be_held(write, monkeypatch, row, read):
+    """Fifty megabytes of blank lines took two gigabytes: a line without anything in it is a row in memory."""
+    monkeypatch.setattr(storage, "MOST_HELD", 120_000)
+    path = write(b"track_id,t,x,y\n" + row * 40_000, "f.csv")
+    monkeypatch.setattr(columns.pc, "read_csv", None)
+    with pytest.raises(DataError, match=r"f\.csv: stands for 5 MB, over [03] MB and 10 times its size"):
+        read(path)
+
+
+def test_a_form_is_told_by_the_first_row_where_that_is_enough(write, monkeypatch):
+    """All of a map was read to say that it has three columns."""
+    seen = []
+    monkeypatch.setattr(rows, "number", lambda text: seen.append(text) or number(text))
+    with pytest.raises(DataError, match=r"m\.csv: 3 columns"):
+        foreign_map(write(b"1,2,3\n" * 1000, "m.csv"), None)
+    assert len(seen) <= 6
 
 
 def test_a_sheet_has_a_limit(write):
@@ -299,6 +382,21 @@ def test_a_database_that_computes_its_rows_is_refused(tmp_path, made, match):
     with pytest.raises(DataError, match=rf"a\.sqlite: .*{match}"):
         read_recording(tmp_path / "a.sqlite", FileFormat(reader="jupedsim", timezone="UTC"))
     assert time.process_time() - began < 5
+
+
+def test_rows_of_magni_that_stand_for_more_than_can_be_held(write, monkeypatch):
+    """A row of eight bytes is a position of each body."""
+    monkeypatch.setattr(storage, "MOST_HELD", 120_000)
+    head = b"Frame,Time,Helmet_1 Centroid_X,Helmet_1 Centroid_Y\n"
+    assert len(read_recording(write(head + b"1,1,1,1\n" * 1000), FORMS["magni"])[0].t) == 1
+    with pytest.raises(DataError, match=r"recording\.csv: stands for 1 MB, over 1 MB and 10 times its size"):
+        read_recording(write(head + b"1,1,1,1\n" * 8000), FORMS["magni"])
+
+
+def test_columns_of_magni_have_a_limit(write):
+    """Eight million of them took more than four gigabytes, and ended the process."""
+    head = b"KEY,1\nFrame,Time,Helmet_1 Centroid_X,Helmet_1 Centroid_Y"
+    refused(write(head + b",a" * MOST_COLUMNS + b"\n1,1,1,1\n"), "magni", "row 2: 10004 columns; at most 10000")
 
 
 def test_fill_values_of_hdf5_are_not_made(tmp_path):

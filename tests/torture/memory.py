@@ -2,8 +2,9 @@
 
     python tests/torture/memory.py [NAME ...]      # a table, a line for each file; status 1 where one breaks a bound
 
-Each file is written by one process and read by another, whose peak memory is told. Refused files count as read: what is
-wanted is a result or an error of ours, in less than 1 GB.
+Each file is written by one process and read by another, whose time on the processor (not the clock's, so that a busy
+machine tells the same) and peak memory are told. Refused files count as read: what is wanted is a result or an error
+of ours, in less than 1 GB, and in 5 s or a second for each megabyte.
 """
 
 import json
@@ -18,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-MB = 1 << 20
-SIZE, MAP = 49 * MB, 31 * MB  # of files of which more would be refused: below that limit
-MOST_MB, MOST_ADDRESSES = 1000, 6 << 30  # of memory, as is wanted; of addresses, so that no trial harms the machine
+SIZE, MAP = 49_900_000, 31 << 20  # bytes, of files of which more would be refused: below that limit
+MOST_MB, MOST_ADDRESSES = 1000, 4 << 30  # of memory, as is wanted; of addresses, so that no trial harms the machine
+MOST_S, MOST_S_PER_MB, ENDED_S = 5, 1, 300  # of the processor: the larger of the first two; the end of a trial
 
 
 def repeated(unit: bytes, head: bytes = b"", tail: bytes = b"", most: int = SIZE) -> Callable[[Path], None]:
@@ -56,7 +57,8 @@ def sqlite(*commands: str, rows: Iterable[tuple[Any, ...]] = ()) -> Callable[[Pa
             file.execute("INSERT INTO metadata VALUES ('fps', '10')")
             for command in commands:
                 file.execute(command)
-            file.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?)", rows)
+            if rows:
+                file.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?)", rows)
         file.close()
 
     return write
@@ -190,6 +192,8 @@ CASES: dict[str, tuple[str, Callable[[Path], Any], Callable[[Path], object]]] = 
     "XML map, text": ("m.xml", repeated(b"a", b"<map>", b"</map>", most=MAP), a_map("xml")),
     "XML map, locations": ("m.xml", numbered(LOCATION, PARAMETERS, "</locations></map>", most=MAP), a_map("xml")),
     "forecasts, short rows": ("f.csv", numbered("{n},1,1,1\n", FORECASTS), samples),
+    "forecasts, samples": ("f.csv", numbered("{i},{j},1,1,1\n", "track_id,sample,step,x,y\n"), samples),
+    "forecasts, names": ("f.csv", numbered("a{n}" + "b" * 40 + ",1,1,1\n", FORECASTS), samples),
     "forecasts, columns": ("f.csv", repeated(b"a,"), samples),
     "forecasts, same columns": ("f.csv", repeated(b"x,"), samples),
     "forecasts, empty fields": ("f.csv", repeated(b",,,\n", FORECASTS.encode()), samples),
@@ -200,6 +204,7 @@ CASES: dict[str, tuple[str, Callable[[Path], Any], Callable[[Path], object]]] = 
                                          samples),
     "map, Parquet of one value": ("m.parquet", parquet(100_000_000, a=1.0, b=1.0, c=1.0), a_map()),
     "tracks, short rows": ("f.csv", numbered("1,{n},1,1\n", "track_id,t,x,y\n"), tracks),
+    "tracks, names": ("f.csv", numbered("a{n}" + "b" * 40 + ",1,1,1\n", "track_id,t,x,y\n"), tracks),
     "TrajNet++ predictions": (
         "f.ndjson",
         numbered('{{"track":{{"f":4,"p":0,"x":1,"y":1,"prediction_number":{n},"scene_id":0}}}}\n'),
@@ -209,7 +214,7 @@ CASES: dict[str, tuple[str, Callable[[Path], Any], Callable[[Path], object]]] = 
     "TrajNet++, lists": ("f.ndjson", repeated(b'{"a":[' + b"[]," * 2_700_000 + b"0]}\n"), predictions),
     "sheet of a hand-in": ("f.json", repeated(b"[],", b'{"task":[', b"0]}"), sheet),
     "JuPedSim, rows": (
-        "a.sqlite", sqlite(TRAJECTORY, rows=((k // 100, k % 100, 1, k % 100) for k in range(SIZE // 14))),
+        "a.sqlite", sqlite(TRAJECTORY, rows=((k // 100, k % 100, 1, k % 100) for k in range(SIZE // 16))),
         recording("jupedsim"),
     ),
     "JuPedSim, endless view": ("a.sqlite", sqlite(ENDLESS), recording("jupedsim")),
@@ -257,6 +262,7 @@ def measure(name: str, path: Path) -> None:
     from modlhmp import DataError  # noqa: PLC0415
 
     resource.setrlimit(resource.RLIMIT_AS, (MOST_ADDRESSES, MOST_ADDRESSES))
+    resource.setrlimit(resource.RLIMIT_CPU, (ENDED_S, ENDED_S))
     began = time.process_time()
     try:
         CASES[name][2](path)
@@ -270,7 +276,7 @@ def measure(name: str, path: Path) -> None:
 
 
 def main(names: list[str]) -> int:
-    """Print the table; 1 where an error is not ours, or memory is above the bound."""
+    """Print the table; 1 where an error is not ours, or memory or time is above its bound."""
     failed = False
     print("| file | MB | s | peak MB | what is said |\n|---|---|---|---|---|")
     for name in names or CASES:
@@ -283,7 +289,8 @@ def main(names: list[str]) -> int:
             )
             last = done.stdout.splitlines()[-1:]
             told, seconds, peak = json.loads(last[0]) if last else (f"! status {done.returncode}", 0.0, 0.0)
-            failed |= told.startswith("!") or peak > MOST_MB
+            late = seconds > max(MOST_S, MOST_S_PER_MB * size)
+            failed |= told.startswith("!") or peak > MOST_MB or late
             print(f"| {name} | {size:.1f} | {seconds:.1f} | {peak:.0f} | {told[:150]} |", flush=True)
     return int(failed)
 

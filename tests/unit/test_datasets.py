@@ -516,8 +516,8 @@ def test_a_file_that_is_no_yaml_is_refused(load, text):
         ("a: 1\nb: {x: 1\nc: 2\n", ", line 3, column 2: not valid YAML: expected ',' or '}', but got ':', in what "
          "begins in line 2; look for brackets, quotes, colons and tabs"),
         ("a: b: c", ", line 1, column 5: not valid YAML: mapping values are not allowed here; look for brackets"),
-        ("a: 1\n\x00", ": not valid YAML: unacceptable character #x0000: special characters are not allowed"),
-        ("day: 2012-13-45", ": not valid YAML: month must be in 1..12"),
+        ("a: 1\n\x00", ": not valid YAML (unacceptable character #x0000: special characters are not allowed)"),
+        ("day: 2012-13-45", ": not valid YAML (month must be in 1..12)"),
     ],
 )  # fmt: skip
 def test_what_is_no_yaml_is_told_with_its_line(write, text, told):

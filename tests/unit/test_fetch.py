@@ -18,7 +18,7 @@ from types import SimpleNamespace
 import pytest
 
 from modlhmp.file_format import Columns, FileFormat, Recording
-from modlhmp.storage import DataError, write_json
+from modlhmp.storage import DataError, read_json, write_json
 from modlhmp.study import fetch as fetching
 
 BODY = random.Random(5).randbytes(300_000)
@@ -82,6 +82,13 @@ class Handler(BaseHTTPRequestHandler):
 
     def plain(self, *_):
         self.answer(200, BODY)
+
+    def halves(self, asked, nth):
+        """The second half comes when the first is on disk."""
+        self.answer(200, BODY[:HALF], length=len(BODY), ETag=TAG)
+        self.wfile.flush()
+        self.server.stop.wait(5)
+        self.wfile.write(BODY[HALF:])
 
     def breaks_once(self, asked, nth):
         if nth == 1:
@@ -201,7 +208,7 @@ def part(path):
 def leave(part, content, address, validator=TAG, total=SIZE):
     """An interrupted download, and what is known of its version."""
     part.write_bytes(content)
-    write_json(note_of(part), {"url": address, "validator": validator, "total": total})
+    write_json(note_of(part), {"url": address, "validator": validator, "total": total, "held": len(content)})
 
 
 def note_of(part):
@@ -277,6 +284,34 @@ def test_what_two_versions_may_have_in_common_continues_nothing(server, path, be
     with pytest.raises(DataError):
         fetch(server.at("breaks"), path, retries=1)
     assert [one.range for one in server.seen] == [None, None]
+
+
+@pytest.mark.parametrize("held", [None, 0, HALF // 2])
+def test_what_was_not_on_disk_is_fetched_again(server, path, part, held):
+    """As after a loss of power: a part is as long as it was, but anything may stand where it was not synced."""
+    leave(part, BODY[: HALF // 2] + bytes(HALF), server.at("ranged"))
+    noted = read_json(note_of(part))
+    write_json(note_of(part), {**noted, "held": held} if held is not None else {"url": noted["url"]})
+    fetch(server.at("ranged"), path)
+    assert path.read_bytes() == BODY
+    assert [one.range for one in server.seen] == [f"bytes={held}-" if held else None]
+
+
+def test_what_has_come_is_put_on_disk_from_time_to_time(server, path, monkeypatch):
+    """Else all of a long download would be lost with the power, or by a kill."""
+    monkeypatch.setattr(fetching, "HELD_BYTES", 1)
+    hold, held = fetching._hold, []
+
+    def holds(file, note):
+        hold(file, note)
+        held.append(read_json(note)["held"])
+        if held[-1] == HALF:
+            server.stop.set()
+
+    monkeypatch.setattr(fetching, "_hold", holds)
+    fetch(server.at("halves"), path)
+    assert path.read_bytes() == BODY
+    assert {HALF, len(BODY)} <= set(held)
 
 
 def test_complete_part_is_only_checked(server, path, part):

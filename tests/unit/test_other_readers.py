@@ -190,6 +190,17 @@ def test_a_body_out_of_sight_is_cut(write):
     assert set(clean.track_id.tolist()) == {id_of("Helmet_1"), id_of("Helmet_1", 2), id_of("Helmet_2")}
 
 
+@pytest.mark.parametrize("line", [b"1,2", b"1,\xfd", b"1," * 20])
+def test_lines_of_another_length_are_counted(write, line):
+    """They were left out without a word; one that is no text failed in Arrow, with a traceback beside the error."""
+    whole = magni().encode()
+    tracks, account = read_recording(write(whole + line + b"\n"), FileFormat(reader="magni"))
+    expected, before = read_recording(write(whole, "whole.csv"), FileFormat(reader="magni"))
+    assert dict(account.dropped_rows) == {**before.dropped_rows, "wrong_column_count": 2}
+    assert account.rows_read == before.rows_read + 2
+    np.testing.assert_array_equal(tracks.x, expected.x)
+
+
 @pytest.mark.parametrize(
     "content", ["a,b\n1,2\n", "Frame,Time,LO1 Centroid_X\n1,0.0,3\n", "Frame,Time,Helmet_1 Centroid_X\n"]
 )

@@ -112,7 +112,9 @@ def test_what_a_killed_writer_left_is_removed_and_nothing_else(tmp_path):
         file.touch()
     with atomic_path(path.parent / "other.csv") as temporary:
         temporary.touch()
-        assert remove_leftovers(tmp_path / "results", tmp_path / "nothing") == [left]
+        bag = left.with_name(left.name.replace("cvm.parquet", "bag"))
+        (bag / "bag").mkdir(parents=True)
+        assert remove_leftovers(tmp_path / "results", tmp_path / "nothing") == [bag, left]
         assert set(path.parent.iterdir()) == {*others, temporary}
     assert remove_leftovers(tmp_path) == []
 

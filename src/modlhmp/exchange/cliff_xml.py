@@ -16,7 +16,7 @@ from modlhmp.exchange.components import Components, moved
 from modlhmp.exchange.repair import cliff_table
 from modlhmp.exchange.rows import Source, check_content, finite
 from modlhmp.maps import swgmm
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, refused
 
 LIMITS = ("x_min", "x_max", "y_min", "y_max")
 COMPONENT = ("P", "M/th", "M/r", "Cov/e_11", "Cov/e_12", "Cov/e_21", "Cov/e_22")
@@ -52,13 +52,11 @@ def parse(source: Source) -> Element:
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.CharacterDataHandler, parser.EntityDeclHandler = builder.data, entity
     try:
-        parser.Parse(source.data, True)
+        # A name that is no encoding's, or that of one of several bytes a letter.
+        with refused(f"{where}: cannot be decoded", LookupError, ValueError, remedy="save it as UTF-8"):
+            parser.Parse(source.data, True)
     except expat.ExpatError as error:
         raise DataError(f"{where}: line {error.lineno}: not XML ({expat.ErrorString(error.code)})") from None
-    except DataError:
-        raise
-    except (LookupError, ValueError) as error:  # of a name that is no encoding's, or of one of several bytes a letter
-        raise DataError(f"{where}: cannot be decoded ({error}); save it as UTF-8") from None
     return builder.close()
 
 

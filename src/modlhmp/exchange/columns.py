@@ -1,8 +1,10 @@
 """Tables with named columns, as CSV or Parquet: read strictly, each fault with its row; written with all digits."""
 
+import csv
 import re
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import IO, Any
 
@@ -12,10 +14,11 @@ import pyarrow.csv as pc
 from pyarrow import compute
 
 from modlhmp.settings import unknown
-from modlhmp.storage import DataError, atomic_path, open_parquet, read_parquet, write_pieces
+from modlhmp.storage import DataError, atomic_path, check_held, open_parquet, read_parquet, write_pieces
 
 MOST_HEADER = 10_000  # characters; the names of all columns there are take a hundred
 MOST_TEXT_BYTES = 1 << 28  # of a column of Parquet, in which a text that stands a million times is stored once
+ROW_BYTES = 120  # of a row from the file to a forecast or a track
 STREAM = "-"  # in place of a path: standard input or output
 
 
@@ -27,7 +30,6 @@ def read_columns(path: str | Path, types: Mapping[str, pa.DataType], empty: Coll
     remedy.
     """
     table = _parquet(path, types) if Path(path).suffix == ".parquet" else _csv(path, types)
-    _check_names(path, table.column_names, types)
     for place, name in enumerate(table.column_names):
         values = table[name]
         if name in empty:
@@ -79,42 +81,66 @@ def _check_names(path: str | Path, names: Sequence[str], types: Mapping[str, pa.
             raise DataError(f"{path}: two columns are called {name}; keep one")
 
 
+class _Begun:
+    """A file of which the beginning was read, as a whole one again; Arrow asks nothing more of it."""
+
+    closed = False
+
+    def __init__(self, begin: bytes, rest: IO[bytes]) -> None:
+        self.begin, self.rest = begin, rest
+
+    def read(self, most: int) -> bytes:
+        begin, self.begin = self.begin, b""
+        return begin or self.rest.read(most)
+
+
 def _csv(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
-    source: Any = sys.stdin.buffer if path == STREAM else str(path)
+    names: list[str] = []
     try:
-        if path != STREAM and (names := _header(path)) != [""]:
-            _check_names(path, names, types)
-        return pc.read_csv(
-            source,
-            pc.ReadOptions(use_threads=False),  # so that errors say the row
-            pc.ParseOptions(ignore_empty_lines=False),
-            pc.ConvertOptions(column_types=types),
-        )
+        with nullcontext(sys.stdin.buffer) if path == STREAM else open(path, "rb") as file:
+            begin = file.readline(MOST_HEADER)
+            if path != STREAM:
+                check_held(path, ROW_BYTES * _lines(path))
+            if begin:
+                first = re.split("[\r\n]", begin.decode("utf-8-sig", "replace"))[0]
+                names = next(csv.reader([first], strict=True)) or [""]
+                _check_names(path, names, types)
+            return pc.read_csv(
+                _Begun(begin, file),
+                pc.ReadOptions(use_threads=False),  # so that errors say the row
+                pc.ParseOptions(ignore_empty_lines=False),
+                pc.ConvertOptions(column_types=types),
+            )
     except FileNotFoundError:
         raise DataError(f"{path}: no such file") from None
-    except (OSError, pa.ArrowInvalid) as error:
-        raise DataError(_explained(path, str(error), list(types))) from None
+    except (OSError, csv.Error, pa.ArrowInvalid) as error:
+        raise DataError(_explained(path, str(error), names, types)) from None
 
 
-def _explained(path: str | Path, error: str, names: list[str]) -> str:
+def _lines(path: str | Path) -> int:
+    """How many lines a file has, blank ones among them: a megabyte of these is a million rows."""
+    lines = 0
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            lines += max(block.count(b"\n"), block.count(b"\r"))
+    return lines
+
+
+def _explained(path: str | Path, error: str, names: Sequence[str], types: Iterable[str]) -> str:
     """Arrow's words about a CSV file as ours."""
     row = f", row {found[1]}" if (found := re.search(r"Row #(\d+)", error)) else ""
     if found := re.search(r"CSV column #(\d+).*invalid value '(.*)'", error):
-        column = _header(path)[int(found[1])] if path != STREAM else f"column {int(found[1]) + 1}"
-        return f"{path}{row}: {column} {found[2]!r} is not a number; correct it, or leave the row out"
+        return f"{path}{row}: {names[int(found[1])]} {found[2]!r} is not a number; correct it, or leave the row out"
     if found := re.search(r"Expected (\d+) columns, got (\d+)", error):
         return f"{path}{row}: {found[2]} fields where the header has {found[1]}; correct the row"
-    return f"{path}{row}: no CSV with the columns {', '.join(names)} ({error})"
-
-
-def _header(path: str | Path) -> list[str]:
-    with open(path, encoding="utf-8-sig", errors="replace") as file:
-        return [name.strip('"') for name in file.readline(MOST_HEADER).rstrip("\r\n").split(",")]
+    return f"{path}{row}: no CSV with the columns {', '.join(types)} ({error})"
 
 
 def _parquet(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
-    schema = open_parquet(path).schema_arrow
+    file = open_parquet(path)
+    schema = file.schema_arrow
     _check_names(path, schema.names, types)
+    check_held(path, ROW_BYTES * file.metadata.num_rows)
     table = read_parquet(
         path, texts_once=[one.name for one in schema if _is_text(one.type) or pa.types.is_binary(one.type)]
     )

@@ -102,7 +102,7 @@ def read_rows(path: str | Path, step_s: float) -> Rows:
             f"{', '.join(table.column_names)}, the form is track_id, t0, sample, probability, step or t, x, y"
         )
     n = len(table)
-    ids, names = numbers_of(table["track_id"])
+    ids, names = numbers_of(table["track_id"], path)
     found = {name: column(table, name) for name in table.column_names if name != "track_id"}
     line = line_of(path, 0) + np.arange(n)
     if "t" in found:

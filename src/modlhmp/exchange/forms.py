@@ -145,11 +145,11 @@ def recognise(source: Source) -> str:
             f"{where}: {first.count(b',') + 1} numbers in a line: histograms? Then name the form, histogram, and its "
             "box: x=(first, last), y=(first, last), resolution_m, orientations"
         )
-    return _order_by_name(read_rows(source), where)
+    return _form_of_columns(read_rows(source, most=1), where) or _order_by_name(read_rows(source), where)
 
 
-def _order_by_name(rows: Rows, where: str) -> str:
-    """Which comma-separated form it is."""
+def _form_of_columns(rows: Rows, where: str) -> str | None:
+    """Which comma-separated form it is if names or the number of columns tell; None for a CLiFF-map's numbers."""
     names, columns = set(rows.header), rows.values.shape[1]
     if set(cliff_csv.NEMO) <= names:
         return "nemo"
@@ -165,6 +165,11 @@ def _order_by_name(rows: Rows, where: str) -> str:
             f"{where}: {columns} columns: a CLiFF-map has 10 or 11; name the form if it is another: "
             f"{', '.join(BY_NAME)}"
         )
+    return None
+
+
+def _order_by_name(rows: Rows, where: str) -> str:
+    """Which form of a CLiFF-map it is."""
     covariance = rows.values[:, 5:7]
     if not (abs(covariance[:, 0] - covariance[:, 1]) <= 1e-4 * (1 + abs(covariance[:, 0]))).all():
         raise DataError(

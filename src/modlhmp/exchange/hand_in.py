@@ -22,7 +22,7 @@ from modlhmp.exchange.task import Task
 from modlhmp.exchange.trajnet import predictions_as_lines, read_predictions, write_lines
 from modlhmp.forecasting.base import Forecast
 from modlhmp.settings import check, option
-from modlhmp.storage import DataError, write_text
+from modlhmp.storage import DataError, refused, write_text
 
 FORMS = (".csv", ".parquet", ".ndjson")
 MOST_SHEET_BYTES = 1_000_000
@@ -91,16 +91,12 @@ def hand_in_files(folder: str | Path, dataset: str) -> tuple[Path, Path]:
 
 def read_sheet(path: str | Path) -> Sheet:
     """The JSON file of a hand-in."""
-    try:
-        with open(path, "rb") as file:
-            text = file.read(MOST_SHEET_BYTES + 1)
-        if len(text) > MOST_SHEET_BYTES:
-            raise DataError(f"{path}: more than {MOST_SHEET_BYTES:,} bytes, which a sheet of two keys cannot have")
+    with open(path, "rb") as file:
+        text = file.read(MOST_SHEET_BYTES + 1)
+    if len(text) > MOST_SHEET_BYTES:
+        raise DataError(f"{path}: more than {MOST_SHEET_BYTES:,} bytes, which a sheet of two keys cannot have")
+    with refused(f"{path}: cannot be read as JSON", ValueError, RecursionError, remedy="correct it"):
         plain = json.loads(text.decode("utf-8-sig"))
-    except DataError:
-        raise
-    except (ValueError, RecursionError) as error:
-        raise DataError(f"{path}: cannot be read as JSON ({error}); correct it") from None
     return check(Sheet, plain, path)
 
 

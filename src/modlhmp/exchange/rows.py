@@ -1,6 +1,7 @@
 """Rows of numbers of other people's text files: every row as long as the first, every field a finite number."""
 
 import io
+import math
 from array import array
 from collections.abc import Iterator
 from typing import IO, NamedTuple
@@ -67,8 +68,8 @@ def lines_of(source: Source) -> Iterator[tuple[int, str]]:
             yield row, line
 
 
-def read_rows(source: Source) -> Rows:
-    """The numbers of a comma-separated file, with or without a header; blank lines are skipped.
+def read_rows(source: Source, most: int | None = None) -> Rows:
+    """The numbers of a comma-separated file, or of its first rows, with or without a header; blank lines are skipped.
 
     `DataError` names the row and column of what is no number, is not finite, or of a row of another length.
     """
@@ -89,8 +90,13 @@ def read_rows(source: Source) -> Rows:
                 "two files in one?"
             )
         width = len(fields)
-        values.extend(finite(field, f"{where}: row {row}, column {at}") for at, field in enumerate(fields, 1))
+        found = [value for field in fields if (value := number(field)) is not None and math.isfinite(value)]
+        if len(found) < len(fields):
+            found = [finite(field, f"{where}: row {row}, column {at}") for at, field in enumerate(fields, 1)]
+        values.extend(found)
         numbers.append(row)
+        if len(numbers) == most:
+            break
     if not values:
         raise DataError(f"{where}: it has no rows: the map is empty; was it built from enough data?")
     return Rows(np.array(values).reshape(-1, width), np.array(numbers), header)

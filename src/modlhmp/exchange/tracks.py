@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.exchange.columns import line_of, read_columns
-from modlhmp.ids import id_of
+from modlhmp.ids import MOST_PEOPLE, id_of
 from modlhmp.storage import DataError, column
 from modlhmp.tracks import Tracks
 
@@ -39,7 +39,7 @@ def read_tracks_table(path: str | Path) -> tuple[Tracks, dict[int, str]]:
     table = read_columns(path, TYPES, empty=RECORDED)
     if missing := [name for name in NEEDED if name not in table.column_names]:
         raise DataError(f"{path}: no column {missing[0]}; it has {', '.join(table.column_names)}")
-    ids, names = numbers_of(table["track_id"])
+    ids, names = numbers_of(table["track_id"], path)
     unknown = np.full(len(table), np.nan)
     found = {name: column(table, name) for name in table.column_names if name != "track_id"}
     rows = Tracks(ids, *(found.get(name, unknown) for name in (*NEEDED[1:], *RECORDED)))
@@ -61,9 +61,11 @@ def read_tracks_table(path: str | Path) -> tuple[Tracks, dict[int, str]]:
     return sorted_rows, names
 
 
-def numbers_of(texts: pa.ChunkedArray) -> tuple[np.ndarray, dict[int, str]]:
+def numbers_of(texts: pa.ChunkedArray, path: str | Path) -> tuple[np.ndarray, dict[int, str]]:
     """Ids as numbers, as in a recording (`modlhmp.ids`), and {number: text} of those that are no plain numbers."""
     encoded = texts.combine_chunks().dictionary_encode()
+    if (people := len(encoded.dictionary)) > MOST_PEOPLE:
+        raise DataError(f"{path}: {people:,} track ids; at most {MOST_PEOPLE:,} of a file are read: divide it")
     owners = encoded.dictionary.to_pylist()
     numbers = np.array([id_of(text) for text in owners], np.int64)
     ids = numbers[np.from_dlpack(encoded.indices)] if len(texts) else np.empty(0, np.int64)

@@ -61,6 +61,7 @@ def read_delimited(
     for field, (key, column) in chosen.items():
         _check_texts(path, key, column, layout[key][column], seen[field])
     rows = concatenate(pieces)
+    pieces.clear()  # a fifth of the memory of what follows
     rows = last_of_step(rows, step_s, account) if has_velocity else without_repeats(rows, account)
     if not account.rows_read and layout.get("header"):
         raise DataError(f"{path}: names its columns, but has no row; was the export cut off?")
@@ -96,6 +97,7 @@ def _converters(path, layout, chosen, account, seen):
 
 
 def _whose(text, path, owners):
+    owners.check()
     return NO_ID if text in NOBODY else owners.number(_utf8(path, text))
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from modlhmp.account import Account
+from modlhmp.ids import MOST_PEOPLE
 from modlhmp.readers.delimited import MAX_DISTANCE_M, read_delimited
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
@@ -101,6 +102,8 @@ def _track(path, line, number, limits, account):
             "the file is cut off or damaged"
         )
     account.tracks_read += 1
+    if account.tracks_read > MOST_PEOPLE:
+        raise DataError(f"{path}, line {number}: more than {MOST_PEOPLE:,} tracks; divide the file")
     body = whole[match.end() : -1]
     regular = _POINTS.fullmatch(body) is not None
     if regular:

@@ -10,7 +10,7 @@ from pathlib import Path
 from modlhmp.file_format import Recording
 from modlhmp.origins import file_sha256
 from modlhmp.readers.raw import COMPRESSED, find_recording
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, refused
 
 _SUFFIXES = {"csv", "txt", "tsv", "ndjson", "dat"}
 _HEAD_BYTES = 1 << 16
@@ -22,13 +22,9 @@ def find_files(source: str | Path, listed: str, root: Path) -> list[Path]:
     What exists under exactly this name is meant, whatever its name holds. In a glob `**` stands for any number of
     folders, also none. `DataError` that names `source` for a glob without a file, for folders and for braces.
     """
-    try:
+    # A name that is too long or holds a null, a folder that may not be entered.
+    with refused(f"{source}: files {listed!r}: cannot be looked for under {root}", OSError, ValueError):
         return _find(source, listed, root)
-    except DataError:
-        raise
-    except (OSError, ValueError) as error:  # a name that is too long or holds a null, a folder that may not be entered
-        reason = getattr(error, "strerror", None) or error
-        raise DataError(f"{source}: files {listed!r}: cannot be looked for under {root} ({reason})") from None
 
 
 def _find(source: str | Path, listed: str, root: Path) -> list[Path]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from modlhmp.account import Account
-from modlhmp.storage import DataError, check_held
+from modlhmp.storage import DataError, check_held, refused
 from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
 
@@ -19,26 +19,23 @@ ROW_BYTES = 120  # of a row from the file to its track
 
 def read_sqlite(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
     """Read a JuPedSim file into rows sorted by track and time; positions in m, headings unknown."""
-    try:
-        with contextlib.closing(sqlite3.connect(f"{Path(path).resolve().as_uri()}?mode=ro", uri=True)) as file:
-            # A view, or a column that is computed, could go on for ever; the rows of a table take a few steps each.
-            steps = itertools.count(1)
-            most = STEPS_PER_BYTE * Path(path).stat().st_size // STEPS_AT_ONCE
-            file.set_progress_handler(lambda: next(steps) > most, STEPS_AT_ONCE)
-            (computed,) = file.execute("SELECT count(*) FROM pragma_table_xinfo('trajectory_data') WHERE hidden > 0")
-            if computed[0]:
-                raise DataError(
-                    f"{path}: columns of trajectory_data are computed, not stored; write them as plain ones"
-                )
-            cursor = file.execute("SELECT id, frame, pos_x, pos_y FROM trajectory_data")
-            parts = [np.array(part, float) for part in iter(lambda: cursor.fetchmany(ROWS_AT_ONCE), [])]
-            rows = np.concatenate([np.empty((0, 4)), *parts])
-            found = file.execute("SELECT value FROM metadata WHERE key = 'fps'").fetchone()
-            rate = float(found[0]) if found else None
-    except DataError:
-        raise
-    except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
-        raise DataError(f"{path}: cannot be read as a JuPedSim file ({error})") from None
+    foreseen = (sqlite3.Error, ValueError, TypeError, OverflowError)
+    with (
+        refused(f"{path}: cannot be read as a JuPedSim file", *foreseen),
+        contextlib.closing(sqlite3.connect(f"{Path(path).resolve().as_uri()}?mode=ro", uri=True)) as file,
+    ):
+        # A view, or a column that is computed, could go on for ever; the rows of a table take a few steps each.
+        steps = itertools.count(1)
+        most = STEPS_PER_BYTE * Path(path).stat().st_size // STEPS_AT_ONCE
+        file.set_progress_handler(lambda: next(steps) > most, STEPS_AT_ONCE)
+        (computed,) = file.execute("SELECT count(*) FROM pragma_table_xinfo('trajectory_data') WHERE hidden > 0")
+        if computed[0]:
+            raise DataError(f"{path}: columns of trajectory_data are computed, not stored; write them as plain ones")
+        cursor = file.execute("SELECT id, frame, pos_x, pos_y FROM trajectory_data")
+        parts = [np.array(part, float) for part in iter(lambda: cursor.fetchmany(ROWS_AT_ONCE), [])]
+        rows = np.concatenate([np.empty((0, 4)), *parts])
+        found = file.execute("SELECT value FROM metadata WHERE key = 'fps'").fetchone()
+        rate = float(found[0]) if found else None
     if rate is None or not rows.size:
         raise DataError(f"{path}: {'no `fps` in its metadata' if rows.size else 'no rows in trajectory_data'}")
     return _tracks(path, rows, rate, origin, day)
@@ -50,16 +47,12 @@ def read_hdf5(path: str | Path, origin: float, day: tuple[float, float] | None =
         import h5py  # noqa: PLC0415 - an extra that few need
     except ImportError:
         raise DataError(f"{path}: HDF5 files need the package h5py: pip install 'modlhmp[hdf5]'") from None
-    try:
-        with h5py.File(path, "r") as file:
-            table: Any = file["trajectory"]
-            rate = float(table.attrs["fps"])
-            check_held(path, ROW_BYTES * table.size)
-            rows = np.column_stack([np.asarray(table[name], float) for name in ("id", "frame", "x", "y")])
-    except DataError:
-        raise
-    except (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError) as error:
-        raise DataError(f"{path}: cannot be read as an archive's HDF5 file ({error})") from None
+    foreseen = (OSError, KeyError, ValueError, TypeError, AttributeError, RuntimeError)
+    with refused(f"{path}: cannot be read as an archive's HDF5 file", *foreseen), h5py.File(path, "r") as file:
+        table: Any = file["trajectory"]
+        rate = float(table.attrs["fps"])
+        check_held(path, ROW_BYTES * table.size)
+        rows = np.column_stack([np.asarray(table[name], float) for name in ("id", "frame", "x", "y")])
     return _tracks(path, rows, rate, origin, day)
 
 

@@ -12,8 +12,10 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
+from modlhmp.readers.jupedsim import ROW_BYTES
 from modlhmp.readers.raw import read_whole
-from modlhmp.storage import DataError
+from modlhmp.readers.start import MOST_COLUMNS
+from modlhmp.storage import DataError, check_held
 from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
 
@@ -25,21 +27,24 @@ def read(path: str | Path, origin: float, day: tuple[float, float] | None = None
     """Read a file into rows sorted by track and time; returns (Tracks, Account), headings unknown.
 
     A row of the account is one body at one instant. Ids are the bodies' names: who wears a helmet changes from run to
-    run. Instants where a body is not seen are dropped as `not_measured`, frames that come twice as `duplicate_row`.
+    run. Instants where a body is not seen are dropped as `not_measured`, frames that come twice as `duplicate_row`,
+    lines of another length as `wrong_column_count`.
     """
-    names, table = _table(path)
+    names, table, skipped = _table(path)
     bodies = [match[1] for name in names if (match := BODY.fullmatch(name))]
     if "Time" not in names or not bodies:
         raise DataError(
             f"{path}: no columns `Time` and `Helmet_1 Centroid_X`: is `reader: magni` right? Files with one row per "
             "person and time are read by `reader: delimited`"
         )
+    check_held(path, ROW_BYTES * len(table["Time"]) * len(set(bodies)))
     account, pieces = Account(), []
     seconds = _numbers(table, "Time")
     for body in sorted(set(bodies)):
         x, y = (_numbers(table, f"{body} Centroid_{axis}") * MM for axis in "XY")
         seen = np.isfinite(seconds) & np.isfinite(x) & np.isfinite(y)
-        account.rows_read += len(seconds)
+        account.rows_read += len(seconds) + skipped
+        account.drop_rows("wrong_column_count", skipped)
         account.drop_rows("not_measured", (~seen).sum())
         ids = np.full(int(seen.sum()), account.owners.number(body))
         pieces.append((ids, origin + seconds[seen], x[seen], y[seen]))
@@ -51,28 +56,38 @@ def read(path: str | Path, origin: float, day: tuple[float, float] | None = None
 
 
 def _table(path):
-    """The names of the columns, and the table below them as text."""
+    """The names of the columns, the table below them as text, and how many lines have another length."""
     text = read_whole(path)
     lines = text.removeprefix(b"\xef\xbb\xbf").split(b"\n", 64)
     at = next((n for n, line in enumerate(lines[:-1]) if line.startswith((b"Frame,", b"Time,"))), None)
     if at is None:
         raise DataError(f"{path}: no line of column names that begins with `Frame,`: is `reader: magni` right?")
+    if (columns := lines[at].count(b",") + 1) > MOST_COLUMNS:
+        raise DataError(f"{path}, row {at + 1}: {columns} columns; at most {MOST_COLUMNS} are read")
     names = [name.strip().strip('"') for name in lines[at].decode("utf-8", "replace").strip().split(",")]
     body = b"\n".join(lines[at + 1 :])
     if not body.strip():
         raise DataError(f"{path}: no row below the column names")
+    if not body.isascii():  # a row of another length would fail in Arrow, which shows it as text
+        body = body.decode("utf-8", "replace").encode()
     keys = [f"{n}" for n in range(len(names))]
+    skipped: list[int] = []
+
+    def skip(row: pa_csv.InvalidRow) -> str:
+        skipped.append(row.number)
+        return "skip"
+
     try:
         table = pa_csv.read_csv(
             pa.BufferReader(body),
             pa_csv.ReadOptions(column_names=keys),
-            pa_csv.ParseOptions(invalid_row_handler=lambda row: "skip"),
+            pa_csv.ParseOptions(invalid_row_handler=skip),
             pa_csv.ConvertOptions(column_types=dict.fromkeys(keys, pa.string())),
         )
     except pa.ArrowInvalid as error:
         raise DataError(f"{path}: cannot be read as a table ({str(error).splitlines()[0]})") from None
     places = {name: keys[n] for n, name in reversed(list(enumerate(names)))}
-    return names, {name: table.column(key) for name, key in places.items()}
+    return names, {name: table.column(key) for name, key in places.items()}, len(skipped)
 
 
 def _numbers(table, name):

@@ -8,6 +8,7 @@ import ssl
 import tempfile
 import time
 from collections.abc import Callable, Iterable
+from contextlib import contextmanager
 from email.utils import mktime_tz, parsedate_tz
 from pathlib import Path
 from urllib.error import HTTPError, URLError
@@ -20,13 +21,15 @@ from modlhmp.file_format import FileFormat, Recording
 from modlhmp.origins import file_sha256
 from modlhmp.readers import read_recording
 from modlhmp.splits import only_of
-from modlhmp.storage import DataError, put_in_place, read_json, write_json, write_text
+from modlhmp.storage import DataError, put_in_place, read_json, refused, write_json, write_text
 
 BACKOFF = 1.0  # seconds before the first retry, doubled before each further one, where the server names none
 LONGEST_WAIT = 300.0  # seconds that a server may ask for; a job that sleeps for longer looks as if it had died
 TIMEOUT = 60.0  # seconds without an answer or a byte
+HELD_BYTES = 1 << 26  # of a download; after so many, those that have come are made to last
 # A plain OSError is not among them: a full disk does not pass.
 _PASSING = (URLError, http.client.HTTPException, ConnectionError, TimeoutError, ssl.SSLError)
+_UNUSABLE = (ValueError, http.client.InvalidURL)
 _BY_HAND = "put the file there by hand, or give its sha256 in the dataset file"
 
 
@@ -164,11 +167,8 @@ def _download(url, file, path, note, known, retries, progress):
     for attempt in range(retries + 1):
         delay = BACKOFF * 2**attempt
         try:
-            return _attempt(url, file, path, note, known, progress)
-        except DataError:
-            raise
-        except (ValueError, http.client.InvalidURL) as error:
-            raise DataError(f"{path}: {url!r} is not a usable address ({error}); correct its url") from None
+            with refused(f"{path}: {url!r} is not a usable address", *_UNUSABLE, remedy="correct its url"):
+                return _attempt(url, file, path, note, known, progress)
         except _PASSING as error:
             if isinstance(error, HTTPError):
                 if error.code < 500 and error.code != http.client.TOO_MANY_REQUESTS:
@@ -206,7 +206,8 @@ def _attempt(url, file, path, note, known, progress):
     bar = tqdm(
         total=total, initial=size, desc=path.name, disable=not progress, unit="B", unit_scale=True, mininterval=1.0
     )
-    with response, bar:
+    held = size
+    with response, bar, _lasting(file, note):
         if total is None and not (known or response.chunked):
             raise DataError(
                 f"{path}: {url} does not say how long it is, so a cut connection would pass for its end; {_BY_HAND}"
@@ -214,18 +215,38 @@ def _attempt(url, file, path, note, known, progress):
         while block := response.read1(1 << 20):  # what has arrived, so that a broken connection loses nothing
             size += file.write(block)
             bar.update(len(block))
-    file.flush()
+            if size - held >= HELD_BYTES:
+                _hold(file, note)
+                held = size
     if total is not None and size != total:
         raise ConnectionError(f"the connection ended after {size} of {total} bytes")
     if not size:
         raise ConnectionError("the server sent nothing")
 
 
+@contextmanager
+def _lasting(file, note):
+    """Whatever ends this, all that has come is made to last, but after a kill or a loss of power."""
+    try:
+        yield
+    finally:
+        _hold(file, note)
+
+
+def _hold(file, note):
+    """Put a part's bytes on disk, and note how many: beyond them anything may stand after a loss of power."""
+    file.flush()
+    os.fsync(file.fileno())
+    write_json(note, {**read_json(note), "held": os.fstat(file.fileno()).st_size})
+
+
 def _open(url, file, path, note):
     """Request what `file` lacks: the response whose body is to be appended, or None if nothing is lacking."""
     file.flush()
-    size = os.fstat(file.fileno()).st_size
-    version = _noted(note, url) if size else {}
+    version = _noted(note, url)
+    size = min(os.fstat(file.fileno()).st_size, version.get("held", 0))
+    file.truncate(size)
+    version = version if size else {}
     if size and size == version.get("total"):
         return None
     request = Request(url, headers={"User-Agent": "modlhmp", "Accept-Encoding": "identity"})
@@ -253,7 +274,7 @@ def _open(url, file, path, note):
         raise DataError(
             f"{path}: {url} sends it packed ({encoding}), which was not asked for; put the file there by hand"
         )
-    write_json(note, {"url": url, "validator": _validator(response.headers), "total": response.length})
+    write_json(note, {"url": url, "validator": _validator(response.headers), "total": response.length, "held": 0})
     return response
 
 
@@ -263,7 +284,7 @@ def _noted(note, url):
         noted = read_json(note)
     except DataError:
         return {}
-    return noted if noted["url"] == url else {}
+    return noted if noted.get("url") == url else {}
 
 
 def _validator(headers):
