@@ -65,7 +65,7 @@ def made(folder: Path, how: Varied) -> dict[str, Any]:
     if how.user:
         for path in (folder, *folder.rglob("*")):
             shutil.chown(path, how.user)
-    _snakemake(folder, how, "--cores", how.cores, *TINY, "certify")
+    _snakemake(folder, how, "--cores", how.cores, *TINY, "--", "certify")
     if how.again:
         for rule in sorted(_rules(folder)):
             _snakemake(folder, how, "--cores", how.cores, *TINY, "--forcerun", rule, "--", "certify")
