@@ -17,7 +17,7 @@ from modlhmp.tracks import Tracks
 TWO_PI = 2 * np.pi
 TOKYO = Site(timezone="Asia/Tokyo")
 NINE = 1351036800.0  # 24 October 2012, 9 o'clock in Tokyo
-HEADINGS, SPEEDS = 180, 400
+HEADINGS, SPEEDS = 144, 640  # four speeds in each bin of 0.05 m/s
 PLACES = 50
 
 

@@ -102,14 +102,14 @@ class NoMap:
         """`speed` [n] in m/s are those of the training data; 0 and NaN do not count."""
         speed = np.asarray(speed, float)
         speed = speed[np.isfinite(speed) & (speed > 0)]
-        counts = 1.0 + np.bincount(_speed_bin(speed), minlength=SPEED_BINS + 1)
+        counts = 1.0 + np.bincount(speed_bin(speed), minlength=SPEED_BINS + 1)
         self.log_p = np.log(counts / counts.sum())
 
     def log_speed(self, speed: np.ndarray) -> np.ndarray:
         """Log density [n] of speeds, per m/s."""
         top = SPEED_BINS * SPEED_BIN_M_S
         width = np.where(speed < top, np.log(SPEED_BIN_M_S), 2 * np.log(np.maximum(speed, top)) - np.log(top))
-        return self.log_p[_speed_bin(speed)] - width
+        return self.log_p[speed_bin(speed)] - width
 
     def log_density(
         self, x: np.ndarray, y: np.ndarray, t: np.ndarray, heading: np.ndarray, speed: np.ndarray
@@ -126,8 +126,8 @@ class NoMap:
         return np.ones(len(x), bool)
 
 
-def _speed_bin(speed):
-    """Bin of speeds [m/s] in `NoMap`; a rounding error does not count."""
+def speed_bin(speed: np.ndarray) -> np.ndarray:
+    """Bin [n] of speeds [m/s] in `NoMap`; a rounding error does not count."""
     return np.minimum(speed / SPEED_BIN_M_S + 1e-9, SPEED_BINS).astype(np.int64)
 
 
