@@ -215,6 +215,16 @@ def test_maps_without_velocities_of_places_and_empty_folders_are_refused(tmp_pat
         density.load("tc_cliff", tmp_path, TOKYO)
 
 
+def test_a_component_whose_weight_is_rounded_to_0_says_nothing():
+    one, other = [1.0, 0.0, 1.0, 0.1, 0.0, 0.01], [0.0, 2.0, 1.0, 0.1, 0.0, 0.01]
+    plain, more = (density.load("cliff", mixture_table([mixture]), TOKYO) for mixture in ([one], [one, other]))
+    where = [np.zeros(2)] * 3
+    heading, speed = np.array([0.0, 2.0]), np.ones(2)
+    for question, velocity in (("log_density", (heading, speed)), ("log_heading", (heading,))):
+        expected = getattr(plain, question)(*where, *velocity)
+        np.testing.assert_allclose(getattr(more, question)(*where, *velocity), expected, rtol=1e-12)
+
+
 def test_a_map_without_locations_covers_nothing():
     one = density.load("cliff", cliff.build(people(3), TOKYO), TOKYO)
     assert not one.covered(np.zeros(2), np.zeros(2), np.zeros(2)).any()

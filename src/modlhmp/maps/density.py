@@ -14,7 +14,7 @@ or with a speed of exactly 0, is no row of a map either.
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -32,7 +32,7 @@ TAIL_SD = 6.0  # a component's windings go so many standard deviations out
 MOST_WINDINGS = 50  # by far enough for an even distribution; a foreign map's variance may be anything
 SPEED_BIN_M_S, SPEED_BINS = 0.05, 60  # of the speed histogram; one more bin is for all faster ones
 
-Source = str | Path | pa.Table
+Source: TypeAlias = str | Path | pa.Table
 
 
 class Density(Protocol):
@@ -228,6 +228,7 @@ class Mixtures:
         self.places = Places(column(table, "x")[first], column(table, "y")[first], _reach(table, reach_m))
         components = np.column_stack([column(table, name).astype(float) for name in cliff.COLUMNS[3:9]])
         swgmm.floor_covariances(components)
+        components[:, 0] = np.maximum(components[:, 0], 1e-300)  # a weight may have become 0 as it was rounded
         sd = np.sqrt(components[:, 3])
         self.windings = np.clip(np.ceil((TAIL_SD * sd / np.pi - 1) / 2), 1, MOST_WINDINGS).astype(np.int64)
         below = _below_0(components[:, 2], np.sqrt(components[:, 5]))
@@ -252,22 +253,22 @@ class Mixtures:
         row, out = self.places.nearest(x, y), np.full(len(x), np.nan)
         heading, speed = (np.asarray(part, float) for part in (heading, speed))
         _log_joint(row, heading, speed, self.starts, self.terms, self.windings, out)
-        return (
-            out if self.background is None else self._with_background(row, out, "log_density", x, y, t, heading, speed)
-        )
+        return self._with_background(row, out, "log_density", x, y, t, heading, speed)
 
     def log_heading(self, x: np.ndarray, y: np.ndarray, t: np.ndarray, heading: np.ndarray) -> np.ndarray:
         """See `Density`."""
         row, out = self.places.nearest(x, y), np.full(len(x), np.nan)
         heading = np.asarray(heading, float)
         _log_marginal(row, heading, self.starts, self.marginals, self.windings, out)
-        return out if self.background is None else self._with_background(row, out, "log_heading", x, y, t, heading)
+        return self._with_background(row, out, "log_heading", x, y, t, heading)
 
     def covered(self, x: np.ndarray, y: np.ndarray, t: np.ndarray) -> np.ndarray:
         """See `Density`."""
         return self.places.nearest(x, y) >= 0
 
     def _with_background(self, row, log_p, question, *where):
+        if self.background is None:
+            return log_p
         share = np.where(row >= 0, self.background[row], np.nan)
         with np.errstate(divide="ignore"):  # a share of exactly 0 or 1
             return np.logaddexp(np.log1p(-share) + log_p, np.log(share) + getattr(self.no_map, question)(*where))

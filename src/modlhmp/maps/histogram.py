@@ -63,7 +63,8 @@ class Counts:
         cells = np.floor(np.column_stack([tracks.x, tracks.y]) / cell_m).astype(np.int64).reshape(-1, 2)
         self.cells, cell = np.unique(cells, axis=0, return_inverse=True)
         self.cell_m, self.timezone, self.grid = cell_m, site.timezone, _Grid(no_map, bins)
-        self.places = Places(*((self.cells + 0.5) * cell_m).T, max(REACH_M, cell_m * np.sqrt(0.5)))
+        x, y = ((self.cells + 0.5) * cell_m).T
+        self.places = Places(x, y, max(REACH_M, cell_m * np.sqrt(0.5)))
         self.row = cell.ravel() * self.grid.size + self.grid.bin_of(tracks.heading, tracks.speed)
         self.hour = clock_hours(tracks.t, site.timezone)
         self.of_day: dict[float, np.ndarray] = {}  # by spread: what several densities need

@@ -179,7 +179,8 @@ def _best(ways: Sequence[Way], fit: Tracks, tried: Tracks, site: Site, no_map: N
     if len(ways) == 1:
         return ways[0]
     without = no_map.log_density(tried.x, tried.y, tried.t, tried.heading, tried.speed)
-    means, counts = [], {}
+    means: list[float] = []
+    counts: dict[tuple[float, Bins], Counts] = {}
     for way in ways:
         key = way.cell_m, way.bins
         counts[key] = counts.get(key) or Counts(fit, site, no_map, *key)
@@ -220,8 +221,8 @@ def _files(one: Mapped) -> tuple[Source | None, Mapping[int, Source]]:
 def _ask(asked: Mapping[str, Asked], no_map: NoMap, rows: Tracks) -> dict[str, Answers]:
     """{space: what every map says of rows}."""
     where, found = (rows.x, rows.y, rows.t), {}
-    questions = {"joint": ("log_density", rows.heading, rows.speed), "heading": ("log_heading", rows.heading)}
-    for space, (question, *velocity) in questions.items():
+    questions = {"joint": ("log_density", (rows.heading, rows.speed)), "heading": ("log_heading", (rows.heading,))}
+    for space, (question, velocity) in questions.items():
         log_p, broader = {}, {}
         for name, one in progress(asked.items(), desc=f"maps, {space}"):
             log_p[name] = getattr(one.density, question)(*where, *velocity)
