@@ -225,7 +225,8 @@ def test_a_component_whose_weight_is_rounded_to_0_says_nothing():
         np.testing.assert_allclose(getattr(more, question)(*where, *velocity), expected, rtol=1e-12)
 
 
-def test_a_map_without_locations_covers_nothing():
+def test_a_map_without_locations_or_hours_covers_nothing():
+    assert not density.load("tc_cliff", {}, TOKYO).covered(np.zeros(2), np.zeros(2), np.full(2, NINE)).any()
     one = density.load("cliff", cliff.build(people(3), TOKYO), TOKYO)
     assert not one.covered(np.zeros(2), np.zeros(2), np.zeros(2)).any()
     assert np.isnan(one.log_density(*[np.zeros(2)] * 5)).all()

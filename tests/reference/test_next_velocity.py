@@ -45,10 +45,10 @@ def test_the_kernel_is_a_plain_sum_over_the_samples_alive():
 def test_every_kernel_integrates_to_1():
     """Also of samples that hardly move, whose kernel would reach below 0 m/s."""
     samples = np.array([[[0.02, 0.0], [-0.1, 0.1], [1.0, -0.5]]])
-    heading, speed = -np.pi + TWO_PI * (np.arange(300) + 0.5) / 300, 4.0 * (np.arange(400) + 0.5) / 400
+    heading, speed = -np.pi + TWO_PI * (np.arange(150) + 0.5) / 150, 4.0 * (np.arange(200) + 0.5) / 200
     grid = [part.ravel() for part in np.meshgrid(heading, speed, indexing="ij")]
     found = kernel_density(np.repeat(samples, len(grid[0]), axis=0), *grid)
-    np.testing.assert_allclose(np.exp(found).sum(axis=0) * TWO_PI / 300 * 4 / 400, 1.0, atol=0.01)
+    np.testing.assert_allclose(np.exp(found).sum(axis=0) * TWO_PI / 150 * 4 / 200, 1.0, atol=0.01)
 
 
 def test_the_second_step_is_scored_of_those_who_walk_then():

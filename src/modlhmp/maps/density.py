@@ -132,10 +132,10 @@ def speed_bin(speed: np.ndarray) -> np.ndarray:
 
 
 class ByHour:
-    """Densities of clock hours: each row is asked of that of its own hour; no hour, not covered."""
+    """Densities of clock hours: each row is asked of its own hour's, in other hours of `whole`, if there is one."""
 
-    def __init__(self, by_hour: Mapping[int, Density], timezone: str) -> None:
-        self.by_hour, self.timezone = dict(by_hour), timezone
+    def __init__(self, by_hour: Mapping[int, Density], timezone: str, whole: Density | None = None) -> None:
+        self.by_hour, self.timezone, self.whole = dict(by_hour), timezone, whole
 
     def log_density(
         self, x: np.ndarray, y: np.ndarray, t: np.ndarray, heading: np.ndarray, speed: np.ndarray
@@ -153,8 +153,11 @@ class ByHour:
 
     def _each(self, otherwise, question, x, y, t, *rest):
         hours, answer = clock_hours(t, self.timezone), np.full(len(x), otherwise)
-        for hour, density in self.by_hour.items():
-            rows = np.flatnonzero(hours == hour)
+        asked = [(density, hours == hour) for hour, density in self.by_hour.items()]
+        if self.whole is not None:
+            asked.append((self.whole, ~np.isin(hours, list(self.by_hour))))
+        for density, which in asked:
+            rows = np.flatnonzero(which)
             if len(rows):
                 answer[rows] = getattr(density, question)(*(np.asarray(part)[rows] for part in (x, y, t, *rest)))
         return answer

@@ -50,7 +50,7 @@ def histogram(
     """The density of the velocities of `tracks`, counted in cells [i, i + 1) * `cell_m`, through `levels`.
 
     Rows that are no motion (speed 0, or without heading) do not count. Levels by the hour come last; with one of them
-    each hour is a density of its own, and an hour without rows has none.
+    each hour is a density of its own; one without rows is, by the same formula, as the day.
     """
     return Counts(tracks, site, no_map, cell_m, bins).density(levels)
 
@@ -77,16 +77,16 @@ class Counts:
                 if level.spread_m not in self.of_day:
                     self.of_day[level.spread_m] = self._counted(slice(None), level.spread_m)
                 p = _shrunk(self.of_day[level.spread_m], p, level.weight)
-        by_hour = [level for level in levels if level.hourly]
+        by_hour, day = [level for level in levels if level.hourly], Histogram(self.places, self.grid, p)
         if not by_hour:
-            return Histogram(self.places, self.grid, p)
+            return day
         found = {}
         for hour in np.unique(self.hour).tolist():
             of_hour = p
             for level in by_hour:
                 of_hour = _shrunk(self._counted(self.hour == hour, level.spread_m), of_hour, level.weight)
             found[hour] = Histogram(self.places, self.grid, of_hour)
-        return ByHour(found, self.timezone)
+        return ByHour(found, self.timezone, day)
 
     def _counted(self, which: np.ndarray | slice, spread_m: float) -> np.ndarray:
         """Counts [cells, bins] of some rows, spread over cells and bins."""

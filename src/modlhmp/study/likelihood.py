@@ -72,16 +72,25 @@ def shrunk(weight: float) -> Way:
     return Way(f"k {weight:g}", 1.0, (Level(EIGHT), Level(weight, hourly=True)))
 
 
-def smoothed(weight: float, spread_m: float, hour: float) -> Way:
-    """Fine bins, from what is known of 2 m around to `spread_m`, then to the hour as if the day were `hour` rows."""
-    levels = Level(weight, 2.0), Level(weight, spread_m), Level(hour, spread_m, hourly=True)
-    return Way(f"k {weight:g}, {spread_m:g} m, day {hour:g}", 0.5, levels, Bins(36, 0.1, 0.15, 0.08))
+def smoothed(weight: float, spread_m: float, day: float | None) -> Way:
+    """Fine bins, from what is known of 2 m around to `spread_m`; and to the hour, as if the day were so many rows."""
+    levels = [Level(weight, 2.0), Level(weight, spread_m)]
+    about = f"k {weight:g}, {spread_m:g} m"
+    if day is not None:
+        levels.append(Level(day, spread_m, hourly=True))
+        about += f", day {day:g}"
+    return Way(about, 0.5, tuple(levels), Bins(36, 0.1, 0.15, 0.08))
 
 
 WAYS = {
     DAY_BINS: (Way("", 1.0, (Level(EIGHT),)),),
     HOUR_BINS: tuple(shrunk(weight) for weight in (2.0, 8.0, 32.0)),
-    SMOOTHED: (smoothed(20.0, 0.4, 64.0), smoothed(20.0, 0.6, 64.0), smoothed(50.0, 1.0, 128.0)),
+    SMOOTHED: (
+        smoothed(20.0, 0.4, None),
+        smoothed(20.0, 0.4, 64.0),
+        smoothed(20.0, 0.6, 64.0),
+        smoothed(50.0, 1.0, None),
+    ),
 }
 
 
@@ -203,9 +212,10 @@ def _densities(
     found = {NO_MAP: Asked(no_map)}
     for one in maps:
         whole, hours = tables[one.path] if one.path in tables else _files(one)
-        parts: list[Density] = [load(one.kind, hours, site, no_map)] if hours else []
-        parts += [load(one.kind, whole, site, no_map)] if whole is not None else []
-        found[one.name] = Asked(parts[0], (*parts[1:], coarse))
+        hourly = find(one.kind).hourly
+        density = load(one.kind, hours if hourly else whole, site, no_map)
+        day = [load(one.kind, whole, site, no_map)] if hourly and whole is not None else []
+        found[one.name] = Asked(density, (*day, coarse))
     broader = {HOUR_BINS: (ways[DAY_BINS], coarse), SMOOTHED: (coarse,), DAY_BINS: (coarse,)}
     return found | {name: Asked(one, broader[name]) for name, one in ways.items()}
 
