@@ -42,6 +42,7 @@ class Kind:
     one_path: bool = False  # whether its forecast is one path, which can be averaged with others'
     from_share: bool = False  # whether its map can be built again from a share of the training tracks
     learned: bool = False  # a network
+    density: bool = False  # whether its map is a density of velocities by place and time (`maps.density`)
     published: bool = False  # one of the paper's methods
     section: str = ""  # the configuration's section with the defaults of its options
 
@@ -90,7 +91,7 @@ class Kind:
 def _sampled(name: str, title: str, module: str, building: type, **rest: object) -> Kind:
     return Kind(
         name=name, title=title, module=module, building=building, options=options.RollOut,
-        forecasts="modlhmp.forecasting.rollout", section="rollout", published=True, **rest,  # type: ignore[arg-type]
+        forecasts="modlhmp.forecasting.rollout", section="rollout", published=True, density=True, **rest,  # type: ignore[arg-type]
     )  # fmt: skip
 
 

@@ -107,6 +107,7 @@ def known(plan):
         found |= {layout.ttests(name), layout.runtime(name), layout.costs(name)}
         found |= {layout.ladder(name, part) for part in ("scores", "differences")}
         found |= {layout.occupied(name, part) for part in ("bins", "scores", "film")}
+        found |= {layout.likelihood(name, part) for part in ("scores", "pairs", "given", "given_pairs")}
         found |= {layout.study(name, parameter) for parameter in ("beta", "sampling_radius_m", "training")}
         found |= {layout.tracks(name, one.name) for one in dataset.recordings}
         found |= {layout.map(name, kind) for kind in ("cliff", "tc_cliff", "stef", "episodes", "snippets", "exits")}

@@ -48,7 +48,11 @@ def test_the_demo_plans_all_that_it_promises(jobs):
     [
         (
             "scoring.ttests",
-            {"compare_methods", "table_ttests", "table_claims", "climb_ladder", "table_ladder", "figure_ladder"},
+            {
+                *("compare_methods", "table_ttests", "table_claims", "climb_ladder", "table_ladder", "figure_ladder"),
+                *("measure_likelihood", "table_likelihood", "figure_likelihood"),
+                *("measure_given", "table_likelihood_given"),
+            },
         ),
         ("study.readings", {"read_protocol", "table_readings"}),
         ("scoring.encounters", {"measure_encounters", "table_encounters"}),
@@ -59,8 +63,12 @@ def test_the_demo_plans_all_that_it_promises(jobs):
         ("study.exhibits.density_maps", {"figure_density"}),
         (
             "study.studies",
-            {"study_parameter", "figure_parameter", "study_training", "figure_training_share", "table_claims"},
+            {
+                *("study_parameter", "figure_parameter", "study_training", "figure_training_share", "table_claims"),
+                *("measure_likelihood", "table_likelihood", "figure_likelihood"),
+            },
         ),
+        ("scoring.next_velocity", {"measure_given", "table_likelihood_given"}),
         ("study.ladder", {"climb_ladder", "table_ladder", "figure_ladder"}),
         ("study.exhibits.ladder_figure", {"figure_ladder"}),
         ("study.exhibits.ladder_table", {"table_ladder"}),

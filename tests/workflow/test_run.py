@@ -39,10 +39,10 @@ PAPER_FIGURES = (
         )
     ),
 )
-TABLES = (*PAPER_TABLES, "ladder-atc", "ladder-edin", "tab_occupied")
+TABLES = (*PAPER_TABLES, "ladder-atc", "ladder-edin", "tab_occupied", "tab_likelihood", "tab_likelihood_given")
 FIGURES = (
     *(*PAPER_FIGURES, "ladder", "memory-maps", "training-share"),
-    *("occupied", "occupied-atc-film", "occupied-edin-film"),
+    *("occupied", "occupied-atc-film", "occupied-edin-film", "likelihood"),
 )
 
 
@@ -279,6 +279,8 @@ def test_an_edit_of_the_tests_code_compares_again(tiny_run, tmp_path):
     """Nothing else; `test_reruns` asks for the others without a dry run each."""
     rules = {"compare_methods": 2, "climb_ladder": 2, "table_ttests": 1, "table_claims": 1, "all": 1}
     rules |= {"table_ladder": 2, "figure_ladder": 1}
+    rules |= {"measure_likelihood": 2, "table_likelihood": 1, "figure_likelihood": 1}
+    rules |= {"measure_given": 2, "table_likelihood_given": 1}
     assert edited(tiny_run, tmp_path, "scoring/ttests.py") == rules
 
 
@@ -286,7 +288,7 @@ def test_an_edit_of_a_forecaster_forecasts_its_kind_again(tiny_run, tmp_path):
     """Of the chain of snippets: two datasets' snippets, their scores, and what stands on them."""
     rules = edited(tiny_run, tmp_path, "forecasting/chain.py")
     of_snippets = {"forecast_method", "score_method", "measure_uncertainty", "measure_costs"}
-    of_snippets |= {"study_training", "study_occupied"}
+    of_snippets |= {"study_training", "study_occupied", "measure_given"}
     assert {rule: rules.get(rule) for rule in of_snippets} == dict.fromkeys(of_snippets, 2)
     known = {"compare_methods", "climb_ladder", "summarise_results", "measure_encounters", "all"}
     assert not [rule for rule in rules.keys() - {*of_snippets, *known} if not rule.startswith(("table_", "figure_"))]

@@ -1,11 +1,24 @@
 # Studies: a method with one parameter of its roll-out varied, or with less training data; time, memory and map size.
 #
-# INPUTS   clean tracks, the studied method's map
+# INPUTS   clean tracks, the studied method's map, those whose likelihood is measured
 # OUTPUTS  results/{run}/{dataset}/studies/{parameter}/{value}.parquet (errors only);
 #          results/{run}/{dataset}/studies/training/{method}/{share}.parquet; results/{run}/{dataset}/runtime.json;
-#          results/{run}/{dataset}/occupied/{bins,scores,film}.parquet
-# STEPS    study_parameter, study_training, study_occupied; measure_runtime, for the target `runtime`, since timings count
+#          results/{run}/{dataset}/occupied/{bins,scores,film}.parquet;
+#          results/{run}/{dataset}/likelihood/{scores,pairs,given,given_pairs}.parquet
+# STEPS    study_parameter, study_training, study_occupied, measure_likelihood, measure_given; measure_runtime, for the target `runtime`, since timings count
 #          only while nothing else runs
+
+# Methods that are asked for two steps, and those whose forecasts are there: networks, means of others, from outside.
+READ = PLAN.learned + PLAN.averages + PLAN.handed_in
+GIVEN = {
+    "made": [name for name in PLAN.given if name not in READ],
+    "read": [name for name in PLAN.given if name in READ],
+}
+
+
+def flat(paths):
+    """The paths of methods, of which some have none, each once."""
+    return list(dict.fromkeys(path for path in paths if path))
 
 
 rule study_parameter:
@@ -110,6 +123,92 @@ rule study_occupied:
         "Study which cells of {wildcards.dataset} will be occupied"
     script:
         "../scripts/study_occupied.py"
+
+
+rule measure_likelihood:
+    """How likely maps make the velocities of test persons, by place and time only."""
+    input:
+        training=tracks_of("train"),
+        tracks=tracks_of("test"),
+        maps=lambda wildcards: [
+            PLAN.map_of(wildcards.dataset, name) for name in PLAN.mapped
+        ],
+    output:
+        scores=LAYOUT.likelihood("{dataset}", "scores"),
+        pairs=LAYOUT.likelihood("{dataset}", "pairs"),
+    log:
+        LAYOUT.log("measure_likelihood", "{dataset}"),
+    benchmark:
+        LAYOUT.benchmark("measure_likelihood", "{dataset}")
+    resources:
+        mem_mb=3000,
+        runtime=60,
+    params:
+        methods=PLAN.mapped,
+        kinds=[RUN.kind(name).name for name in PLAN.mapped],
+        buildings=[
+            None if RUN.published(name) else as_plain(RUN.building(RUN.kind(name)))
+            for name in PLAN.mapped
+        ],
+        dataset=settings_of(*SITE_KEYS),
+        days=lambda wildcards: DATASETS[wildcards.dataset].days("test"),
+        recordings=names_of("test"),
+        max_tracks=RUN.studies.max_tracks,
+        code=method_code("measure_likelihood", *PLAN.mapped),
+    message:
+        "Measure the likelihood of maps on {wildcards.dataset}"
+    script:
+        "../scripts/measure_likelihood.py"
+
+
+rule measure_given:
+    """How likely methods make test persons' next velocities, given the last ones."""
+    input:
+        tracks=tracks_of("test"),
+        maps=lambda wildcards: flat(
+            [PLAN.map_of(wildcards.dataset, name) for name in GIVEN["made"]]
+        ),
+        exits=lambda wildcards: flat(
+            [PLAN.exits_of(wildcards.dataset, name) for name in GIVEN["made"]]
+        ),
+        forecasts=lambda wildcards: [
+            LAYOUT.forecasts(wildcards.dataset, name) for name in GIVEN["read"]
+        ],
+    output:
+        given=LAYOUT.likelihood("{dataset}", "given"),
+        given_pairs=LAYOUT.likelihood("{dataset}", "given_pairs"),
+    log:
+        LAYOUT.log("measure_given", "{dataset}"),
+    benchmark:
+        LAYOUT.benchmark("measure_given", "{dataset}")
+    resources:
+        mem_mb=3000,
+        runtime=60,
+    params:
+        run=RUN.run,
+        made=lambda wildcards: {
+            name: PLAN.method(wildcards.dataset, name).plain()
+            for name in GIVEN["made"]
+        },
+        maps=lambda wildcards: {
+            name: PLAN.map_of(wildcards.dataset, name) or None
+            for name in GIVEN["made"]
+        },
+        exits=lambda wildcards: {
+            name: PLAN.exits_of(wildcards.dataset, name) or None
+            for name in GIVEN["made"]
+        },
+        methods=PLAN.given,
+        samples=RUN.uncertainty.samples,
+        dataset=settings_of(*FORECAST_KEYS),
+        recordings=names_of("test"),
+        days=lambda wildcards: DATASETS[wildcards.dataset].days("test"),
+        seed=RUN.seeds[0],
+        code=method_code("measure_given", *PLAN.given),
+    message:
+        "Measure the likelihood of next velocities on {wildcards.dataset}"
+    script:
+        "../scripts/measure_given.py"
 
 
 rule measure_runtime:

@@ -45,6 +45,7 @@ def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
         "datasets": run.datasets, "compare": run.compare, "seeds": run.seeds, "studies.beta": studies.beta,
         "studies.sampling_radius_m": studies.sampling_radius_m, "studies.training.shares": studies.training.shares,
         "uncertainty.methods": run.uncertainty.methods, "studies.occupied.methods": studies.occupied.methods,
+        "likelihood.methods": run.likelihood.methods, "likelihood.given": run.likelihood.given,
     }  # fmt: skip
     for key, values in lists.items():
         if len(set(values)) < len(values):
@@ -125,6 +126,8 @@ def _check_names(run: RunSettings) -> None:
         "studies.training.methods": run.studies.training.methods,
         "studies.occupied.methods": run.studies.occupied.methods,
         "uncertainty.methods": run.uncertainty.methods,
+        "likelihood.methods": run.likelihood.methods,
+        "likelihood.given": run.likelihood.given,
         "comparisons": [name for pair in run.comparisons for name in pair],
         "ladder.reference": [run.ladder.reference],
         "ladder.rows": [method for method, _ in run.ladder.rows],
@@ -165,6 +168,13 @@ def _check_names(run: RunSettings) -> None:
             raise DataError(
                 f"configuration, uncertainty.methods: {name} has no samples to score; methods that have some are of "
                 f"the kinds {', '.join(able)}"
+            )
+    for name in run.likelihood.methods:
+        if not run.kind(name).density:
+            able = [kind.name for kind in kinds.all_kinds().values() if kind.density]
+            raise DataError(
+                f"configuration, likelihood.methods: the map of {name} is no density of velocities; methods whose map "
+                f"is one are of the kinds {', '.join(able)}"
             )
 
 

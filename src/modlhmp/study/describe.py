@@ -55,7 +55,8 @@ _LEARNING = "A method may also choose its own " + ", ".join(
 SECTIONS = {
     "rollout": options.RollOut, "episodes": options.Episodes, "snippets": options.Snippets,
     "learned": settings.Networks, "ladder": settings.Ladder, "studies": settings.Studies,
-    "studies.training": settings.TrainingShares, "uncertainty": settings.Uncertainty, "demo": settings.Demo,
+    "studies.training": settings.TrainingShares, "uncertainty": settings.Uncertainty,
+    "likelihood": settings.Likelihood, "demo": settings.Demo,
     "tables": settings.Tables,
 }  # fmt: skip
 DATASET_SECTIONS = {

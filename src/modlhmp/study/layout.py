@@ -132,6 +132,10 @@ class Layout:
         """`bins`, `scores` or `film` of which cells were occupied."""
         return f"{self.results}/{dataset}/occupied/{table}.parquet"
 
+    def likelihood(self, dataset: str, table: str) -> str:
+        """`scores` or `pairs` of how likely maps make what people did; `given` and `given_pairs` of methods."""
+        return f"{self.results}/{dataset}/likelihood/{table}.parquet"
+
     def uncertainty(self, dataset: str, method: str) -> str:
         """Scores of a method's forecasts as distributions."""
         return f"{self.results}/{dataset}/uncertainty/{method}.parquet"

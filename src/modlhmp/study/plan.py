@@ -145,6 +145,18 @@ class Plan:
         return [name for name in self.run.compare if name in self.run.uncertainty.methods]
 
     @property
+    def mapped(self) -> list[str]:
+        """Methods whose maps' likelihood is measured: compared ones, the first of those that share a map."""
+        names = [name for name in self.run.compare if name in self.run.likelihood.methods]
+        maps = {(self.run.kind(name).name, self.run.published(name)): name for name in reversed(names)}
+        return [name for name in names if name in maps.values()]
+
+    @property
+    def given(self) -> list[str]:
+        """Compared methods whose next velocity is measured."""
+        return [name for name in self.run.compare if name in self.run.likelihood.given]
+
+    @property
     def unmeasured(self) -> dict[str, str]:
         """The other compared methods, and why they are not."""
         others = [name for name in self.run.compare if name not in self.measured]

@@ -34,6 +34,7 @@ RUNS = {
     "ladder": "config/real.yaml config/lab/ladder.yaml",
     "folds": "config/real.yaml config/lab/folds.yaml",
     "networks": "config/real.yaml config/lab/networks.yaml",
+    "likelihood": "config/real.yaml config/lab/likelihood.yaml",
 }
 HORIZONS_S = (5.0, 10.0, 20.0, 30.0, 60.0)
 KINDS = ("scores", "differences", "tables")
@@ -46,6 +47,8 @@ TABLES = (
     "tab_uncertainty",
     "tab_encounters",
     "tab_occupied",
+    "tab_likelihood",
+    "tab_likelihood_given",
     "folds",
     "readings-atc",
     "readings-edin",

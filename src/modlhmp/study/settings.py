@@ -115,6 +115,20 @@ class Uncertainty:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Likelihood:
+    """How likely maps make the velocities of people whom they have not seen."""
+
+    methods: tuple[str, ...] = option(
+        ("cliff", "tc_cliff", "stef"),
+        "methods whose maps are measured, if they are compared, each map once; an empty list: none",
+    )
+    given: tuple[str, ...] = option(
+        ("cvm", "cliff", "tc_cliff", "stef", "episodes", "snippets"),
+        "methods whose next velocity is measured given the last ones, if they are compared; an empty list: none",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Demo:
     """The generated recordings."""
 
@@ -168,6 +182,7 @@ class RunSettings:
     ladder: Ladder = option(Ladder(), "from the paper's configuration to the best one, one change per row")
     studies: Studies = option(Studies(), "one parameter of a method varied, or the amount of training data")
     uncertainty: Uncertainty = option(Uncertainty(), "how good forecasts are as distributions")
+    likelihood: Likelihood = option(Likelihood(), "how likely maps make what people did")
     maps: dict[str, dict[str, Any]] = option({}, "`kind: options`: how maps are built")
     demo: Demo = option(Demo(), "the generated recordings")
     tables: Tables = option(Tables(), "horizons of the tables and the t-tests")
