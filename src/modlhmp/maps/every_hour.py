@@ -53,8 +53,8 @@ def walked(tracks: Tracks, site: Site, building: Building) -> Walked:
     hours = clock_hours(tracks.t, site.timezone)
     moving = np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
     wanted = [hour for hour in hours_mapped(tracks, site) if (hours[moving] == hour).any()]
-    observed = {hour: cliff.steps_observed(tracks.t[hours == hour], site.time_step_s) for hour in wanted}
-    observed[None] = cliff.steps_observed(tracks.t, site.time_step_s)
+    observed: dict[int | None, int] = {None: cliff.steps_observed(tracks.t, site.time_step_s)}
+    observed |= {hour: cliff.steps_observed(tracks.t[hours == hour], site.time_step_s) for hour in wanted}
     tracks, hours = tracks.take(moving), hours[moving]
     places, members = cliff.neighbourhoods(
         tracks.x, tracks.y, building.resolution_m, building.radius_m, building.min_observations

@@ -31,7 +31,8 @@ def build_hours(
     of = every_hour.walked(tracks, site, building)
     heading, speed = of.tracks.heading, of.tracks.speed
     elsewhere = np.exp(NoMap(speed).log_density(of.tracks.x, of.tracks.y, of.tracks.t, heading, speed))
-    mixtures, weights = [], {hour: [] for hour in (None, *of.wanted)}
+    mixtures: list[np.ndarray] = []
+    weights: dict[int | None, list[np.ndarray]] = {hour: [] for hour in (None, *of.wanted)}
     for mine in progress(of.members, desc="Smoothed CLiFF-map", unit=" locations"):
         one = cliff.fit_location(heading[mine], speed[mine], building.bandwidth)
         p = densities(heading[mine], speed[mine], elsewhere[mine], one)
@@ -41,8 +42,8 @@ def build_hours(
         weights[None].append(day)
         for hour in of.wanted:
             weights[hour].append(reweighted(p[of.hours[mine] == hour], day, building.day_rows))
-    tables = {hour: _table(of, building, hour, mixtures, found) for hour, found in weights.items()}
-    return tables.pop(None), tables
+    hours = {hour: _table(of, building, hour, mixtures, weights[hour]) for hour in of.wanted}
+    return _table(of, building, None, mixtures, weights[None]), hours
 
 
 def densities(heading: np.ndarray, speed: np.ndarray, elsewhere: np.ndarray, components: np.ndarray) -> np.ndarray:

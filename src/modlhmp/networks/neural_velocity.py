@@ -1,9 +1,9 @@
 """Neural velocity map: a small network that says of every place and time of day how people walk there.
 
-An independent small version of a published idea (a neural map of dynamics from place and time to a mixture of
-velocities, Y. Zhu et al., arXiv 2510.14827), with a background inside and the local day's harmonics; its numbers are
-not that work's. It is built from tracks and written on a lattice in the form of a CLiFF-map, so that whatever reads
-CLiFF-maps reads it, without PyTorch; one column more says how little the map knows of a place.
+An independent small version of a published idea (NeMo, a neural map of dynamics from place and time to a mixture of
+velocities, arXiv 2510.14827), with a background inside and the local day's harmonics; its numbers are not that work's.
+It is built from tracks and written on a lattice in the form of a CLiFF-map, so that whatever reads CLiFF-maps reads it,
+without PyTorch; one column more says how little the map knows of a place.
 """
 
 import logging
