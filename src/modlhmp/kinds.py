@@ -36,6 +36,7 @@ class Kind:
     forecasts: str | None = None  # None: a map that other methods use, or forecasts that are made of files
     building: type | None = None  # settings class of the map's building; None: there is no map
     built_like: str = ""  # the kind whose building options it shares
+    form: str = ""  # the kind whose form its map's tables have, where it is another's
     hourly: bool = False  # one map per clock hour, each a file of a folder
     random: bool = True  # whether forecasts depend on the seed
     outside: bool = False  # forecasts are files that others made
@@ -60,6 +61,11 @@ class Kind:
     def map_file(self) -> str:
         """Name of its map under a `maps` folder: a file, or the folder of the hours' files."""
         return self.name if self.hourly else f"{self.name}.parquet"
+
+    @property
+    def tables(self) -> str:
+        """The kind whose form its map's tables have."""
+        return self.form or self.name
 
     @property
     def has_samples(self) -> bool:
@@ -91,7 +97,8 @@ class Kind:
 def _sampled(name: str, title: str, module: str, building: type, **rest: object) -> Kind:
     return Kind(
         name=name, title=title, module=module, building=building, options=options.RollOut,
-        forecasts="modlhmp.forecasting.rollout", section="rollout", published=True, density=True, **rest,  # type: ignore[arg-type]
+        forecasts="modlhmp.forecasting.rollout", section="rollout", density=True,
+        **{"published": True, **rest},  # type: ignore[arg-type]
     )  # fmt: skip
 
 
@@ -105,7 +112,15 @@ def _network(name: str, title: str, sizes: type, **rest: object) -> Kind:
 BUILT_IN = (
     _sampled("cliff", "CLiFF", "modlhmp.maps.cliff", options.CliffBuilding, from_share=True),
     _sampled("tc_cliff", "TC-CLiFF", "modlhmp.maps.tc_cliff", options.CliffBuilding, built_like="cliff", hourly=True),
+    _sampled(
+        "smoothed_cliff", "Smoothed CLiFF", "modlhmp.maps.smoothed_cliff", options.SmoothedBuilding, hourly=True,
+        form="tc_cliff", published=False,
+    ),
     _sampled("stef", "STeF", "modlhmp.maps.stef", options.StefBuilding, hourly=True),
+    _sampled(
+        "neural_velocity", "Neural velocity map", "modlhmp.networks.neural_velocity", options.NeuralVelocityBuilding,
+        hourly=True, form="tc_cliff", published=False,
+    ),
     Kind(
         name="episodes", title="Episodes", options=options.Episodes, module="modlhmp.maps.episodes",
         forecasts="modlhmp.forecasting.replay", building=options.NoBuilding, random=False, one_path=True,

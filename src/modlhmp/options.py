@@ -43,6 +43,19 @@ class CliffBuilding:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SmoothedBuilding:
+    """Of smoothed CLiFF-maps."""
+
+    resolution_m: Metres = option(1.0, "distance of neighbouring locations [m]")
+    radius_m: Metres = option(1.0, "a location takes the observations within this distance, border included [m]")
+    min_observations: WholeFrom3 = option(5, "locations with fewer observations have no dynamics")
+    bandwidth: Literal["isotropic", "kucner"] = option("isotropic", "as of CLiFF-maps")
+    day_rows: Positive = option(
+        20.0, "an hour's weights are drawn to the day's as if so many rows of the day were that hour's"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class StefBuilding:
     """Of STeF-maps."""
 
@@ -52,6 +65,23 @@ class StefBuilding:
         600.0, "detections are counted in intervals of this length [s] (t_stef)"
     )
     order: Annotated[int, Ge(1), Le(24)] = option(2, "periodic parts kept per direction (m_stef)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeuralVelocityBuilding:
+    """Of neural velocity maps."""
+
+    resolution_m: Metres = option(
+        0.25, "distance of the locations that it is written to [m]: a location says what is so there, not around it"
+    )
+    radius_m: Metres = option(0.5, "a location is written where people walked within this distance [m]")
+    min_observations: WholeFrom3 = option(5, "and with so many observations at least")
+    cell_m: Metres = option(1.0, "distance of the nodes that hold what the network learns of places [m]")
+    features: Annotated[int, Ge(1), Le(256)] = option(8, "numbers per node")
+    width: Annotated[int, Ge(1), Le(1024)] = option(64, "units of each of the two layers")
+    components: Annotated[int, Ge(1), Le(16)] = option(3, "components of a mixture, the background apart")
+    epochs: Annotated[int, Ge(1), Le(1000)] = option(20, "passes over the training rows")
+    seed: WholeFrom0 = option(0, "of the first weights, the batches and the choice of held-out persons")
 
 
 @dataclass(frozen=True, kw_only=True)

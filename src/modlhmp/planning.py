@@ -29,6 +29,7 @@ import pyarrow as pa
 from modlhmp.angles import TWO_PI, wrap_angle
 from modlhmp.api import Map
 from modlhmp.arguments import numbers
+from modlhmp.kinds import find
 from modlhmp.maps import stef
 from modlhmp.maps.comparison import direction_shares
 from modlhmp.storage import DataError, column
@@ -157,7 +158,7 @@ def _table_at(a_map: Map, t: float | None) -> tuple[str, pa.Table]:
     """Kind and table of the map that serves the time `t`."""
     if not isinstance(a_map, Map):
         raise DataError(f"path_cost: {type(a_map).__name__}: give a Map (build_map, load_map)")
-    if a_map.kind not in {"cliff", "tc_cliff", "stef"}:
+    if find(a_map.kind).tables not in {"cliff", "tc_cliff", "stef"}:
         raise DataError(f"path_cost: a map of kind {a_map.kind} holds no flows of places; cliff, tc_cliff and stef do")
     if not a_map.hours:
         table = a_map.whole

@@ -278,7 +278,7 @@ def test_problems_under_numbers_and_names_are_told_side_by_side(config):
     [
         ("compare", ["tc_cliff", "clif"], "no method named 'clif'; did you mean 'cliff'"),
         ("comparisons", [["tc_cliff", "stf"]], "no method named 'stf'; did you mean 'stef'"),
-        ("compare", ["zzz"], "no method named 'zzz'; known: cliff, tc_cliff, stef, episodes"),
+        ("compare", ["zzz"], "no method named 'zzz'; known: cliff, tc_cliff, smoothed_cliff, stef"),
         ("compare", ["zzz"], "; is the package that adds it installed?"),
         ("datasets", ["demo_hal"], "no dataset named 'demo_hal'; did you mean 'demo_hall'"),
         ("datasets", ["zzz"], "no dataset named 'zzz'; known: "),

@@ -17,6 +17,7 @@ from modlhmp.exchange.forms import FORMS, Form, Repaired, find_form, recognise
 from modlhmp.exchange.parquet import PARQUET, is_parquet
 from modlhmp.exchange.rows import Source
 from modlhmp.exchange.rows import read_source as read_stream
+from modlhmp.kinds import find
 from modlhmp.maps import stef
 from modlhmp.maps.base import DAY, hour_files
 from modlhmp.settings import check
@@ -182,10 +183,10 @@ def texts(
 
     A map by hours is a file for each, but for a histogram, which is one.
     """
-    record = find_form(form)
+    record, own, kind = find_form(form), kind, find(kind).tables
     if kind not in record.kinds:
         able = [one.name for one in FORMS if kind in one.kinds]
-        raise DataError(f"form {form} cannot carry a map of kind {kind}; forms that can: {', '.join([*able, PARQUET])}")
+        raise DataError(f"form {form} cannot carry a map of kind {own}; forms that can: {', '.join([*able, PARQUET])}")
     details: Any = check(record.writing, how, f"form {form}")
     if record.write is None:
         if not hours:

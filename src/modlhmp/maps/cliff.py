@@ -41,7 +41,7 @@ def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | No
     building = building or CliffBuilding()
     resolution_m = building.resolution_m
     step_s = site.time_step_s if site else 1.0
-    observed = len(np.unique(np.floor(tracks.t / step_s)))  # steps with people anywhere
+    observed = steps_observed(tracks.t, step_s)
     moving = np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
     tracks = tracks.take(moving)
     locations, members = neighbourhoods(tracks.x, tracks.y, resolution_m, building.radius_m, building.min_observations)
@@ -62,10 +62,20 @@ def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | No
     if building.intensity == "time":
         seen = np.floor(tracks.t / step_s)
         p = np.array([len(np.unique(seen[mine])) for mine in members])[table[:, 0].astype(int)] / observed
-    columns = zip(COLUMNS, (*table.T, p, np.ones(len(table))), strict=True)
-    metadata = {"resolution": str(resolution_m), "radius": str(building.radius_m)}
-    if len(table):  # how many people walk within the radius of the busiest location, on average
-        metadata["busiest"] = f"{table[:, 9].max() / observed:.6g}"
+    return as_table(table, p, resolution_m, building.radius_m, observed)
+
+
+def steps_observed(t: np.ndarray, step_s: float) -> int:
+    """How many time steps have people anywhere."""
+    return len(np.unique(np.floor(t / step_s)))
+
+
+def as_table(rows: np.ndarray, p: np.ndarray, resolution_m: float, radius_m: float, observed: int) -> pa.Table:
+    """The Parquet form: `rows` [n, 10] hold a component's location, x, y, mixture and count; `p` [n] its intensity."""
+    columns = zip(COLUMNS, (*rows.T, p, np.ones(len(rows))), strict=True)
+    metadata = {"resolution": str(resolution_m), "radius": str(radius_m)}
+    if len(rows):  # how many people walk within the radius of the busiest location, on average
+        metadata["busiest"] = f"{rows[:, 9].max() / observed:.6g}"
     return pa.table({name: values.astype(TYPES.get(name, float)) for name, values in columns}).replace_schema_metadata(
         metadata
     )

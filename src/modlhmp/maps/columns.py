@@ -4,20 +4,25 @@ import pyarrow as pa
 
 CELL = "number of the cell: it reaches from this many times `cell` to one more"
 HEADING_BIN = "bin of 45 degrees around 0 (east), 1 (north-east) ... 7; 8: hardly moving"
+CLIFF = {
+    "location": ("", "number of the location, from 0; its components stand together"),
+    "x": ("m", "position of the location"),
+    "y": ("m", "position of the location"),
+    "weight": ("", "of the component in its mixture; they sum to 1"),
+    "mean_heading": ("rad", "mean heading, from -pi to pi, from x towards y"),
+    "mean_speed": ("m/s", "mean speed"),
+    "var_heading": ("rad2", "variance of the heading, unwrapped"),
+    "cov_heading_speed": ("rad m/s", "covariance"),
+    "var_speed": ("m2/s2", "variance of the speed"),
+    "count": ("", "observations at the location; 0: unknown"),
+    "p": ("", "motion intensity: its count by the largest, or the share of time with motion"),
+    "q": ("", "observation ratio: 1, the sensors see everything, always"),
+}
 TABLES: dict[str, dict[str, tuple[str, str]]] = {
-    "CLiFF-map, whole day or hour: a row a component": {
-        "location": ("", "number of the location, from 0; its components stand together"),
-        "x": ("m", "position of the location"),
-        "y": ("m", "position of the location"),
-        "weight": ("", "of the component in its mixture; they sum to 1"),
-        "mean_heading": ("rad", "mean heading, from -pi to pi, from x towards y"),
-        "mean_speed": ("m/s", "mean speed"),
-        "var_heading": ("rad2", "variance of the heading, unwrapped"),
-        "cov_heading_speed": ("rad m/s", "covariance"),
-        "var_speed": ("m2/s2", "variance of the speed"),
-        "count": ("", "observations at the location; 0: unknown"),
-        "p": ("", "motion intensity: its count by the largest, or the share of time with motion"),
-        "q": ("", "observation ratio: 1, the sensors see everything, always"),
+    "CLiFF-map, whole day or hour: a row a component": CLIFF,
+    "Smoothed CLiFF-map and neural velocity map, whole day or hour: a row a component": {
+        **CLIFF,
+        "background": ("", "of the location: weight of what is known of people anywhere, the mixture has the rest"),
     },
     "STeF-map, whole day: a row a cell and orientation": {
         "x": ("m", "centre of the cell"),

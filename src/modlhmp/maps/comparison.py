@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.angles import TWO_PI
+from modlhmp.kinds import find
 from modlhmp.storage import DataError, column
 
 DIRECTIONS = 8  # of 45 degrees, the first centred on east
@@ -32,12 +33,14 @@ def flows(kind: str, table: pa.Table) -> Flows:
 
     `DataError` for a kind of map that does not say so of places.
     """
-    if kind not in {"cliff", "tc_cliff", "stef"}:
+    form = find(kind).tables
+    if form not in {"cliff", "tc_cliff", "stef"}:
         raise DataError(
-            f"a map of kind {kind} holds walks, not flows of places; kinds with flows: cliff, tc_cliff, stef"
+            f"a map of kind {kind} holds walks, not flows of places; kinds with flows: cliff, tc_cliff, stef, "
+            "neural_velocity"
         )
     step = float(table.schema.metadata[b"resolution"])
-    if kind == "stef":
+    if form == "stef":
         found = column(table, "probabilities").reshape(table.num_rows, -1)
         alive = found.any(axis=1)
         centres = np.arange(found.shape[1]) * TWO_PI / found.shape[1]
