@@ -1,0 +1,237 @@
+"""The mixture of a cell from its histogram of velocities: where the counts gather, then EM over the occupied bins.
+
+A bin is a heading of `HEADINGS` and a speed in steps of `SPEED_STEP`; its number is heading * `SPEEDS` + speed. What is
+found depends on the histogram alone, never on an earlier mixture: that is what makes a map independent of the order in
+which it was told of people. Clusters are the hills of the smoothed histogram, as mean shift finds them between
+observations (`maps.mean_shift`), with the same bandwidth.
+"""
+
+import numpy as np
+
+from modlhmp.angles import TWO_PI, one_turn, unwrapped
+from modlhmp.kernels import kernel
+from modlhmp.maps.cliff import MIN_CLUSTER
+from modlhmp.maps.swgmm import MAX_ITERATIONS, NARROW, TOLERANCE, WINDINGS, floor_covariance, precompute
+
+HEADINGS, HEADING_STEP = 24, TWO_PI / 24
+SPEEDS, SPEED_STEP = 64, 0.25  # [m/s]; the last bin is open
+VARIANCES = HEADING_STEP**2 / 12, SPEED_STEP**2 / 12  # of what is anywhere in a bin
+MOST_COMPONENTS = 32
+
+
+def bins_of(heading: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Number of the bin [n] of headings [rad] and speeds [m/s]."""
+    turned = np.floor(np.mod(heading, TWO_PI) / HEADING_STEP).astype(np.int64) % HEADINGS
+    return turned * SPEEDS + np.minimum(np.floor(speed / SPEED_STEP), SPEEDS - 1).astype(np.int64)
+
+
+@kernel
+def fit_cells(starts, bins, weights):
+    """Mixtures of cells whose bins are `starts[c]` to `starts[c + 1]`; `bins`, `weights` [m], sorted by bin in a cell.
+
+    Returns (first component of each cell [cells + 1], components [J, 6], heaviest of a cell first).
+    """
+    cells = len(starts) - 1
+    first, found, used = np.zeros(cells + 1, np.int64), np.empty((2 * cells + MOST_COMPONENTS, 6)), 0
+    for c in range(cells):
+        some = slice(starts[c], starts[c + 1])
+        fitted = _fit(bins[some], weights[some])
+        if used + len(fitted) > len(found):
+            grown = np.empty((2 * len(found) + MOST_COMPONENTS, 6))
+            grown[:used] = found[:used]
+            found = grown
+        found[used : used + len(fitted)] = fitted
+        used += len(fitted)
+        first[c + 1] = used
+    return first, found[:used].copy()
+
+
+@kernel
+def _fit(bins, weights):
+    """Mixture [J, 6] of one histogram."""
+    heading = (bins // SPEEDS + 0.5) * HEADING_STEP
+    speed = (bins % SPEEDS + 0.5) * SPEED_STEP
+    components = _components(heading, speed, weights, _hills(bins, heading, speed, weights))
+    total = weights.sum()
+    while True:
+        _em(heading, speed, weights, components)
+        heavy = components[:, 0] * total >= 1.0
+        if heavy.all() or not heavy.any():
+            break
+        components = components[heavy]
+        components[:, 0] /= components[:, 0].sum()
+    for j in range(len(components)):  # centres of bins scatter more than what lies in them (W. F. Sheppard, 1898)
+        vtt = max(components[j, 3] - VARIANCES[0], VARIANCES[0])
+        vrr = max(components[j, 5] - VARIANCES[1], VARIANCES[1])
+        components[j, 3], components[j, 4], components[j, 5] = floor_covariance(vtt, components[j, 4], vrr)
+    return components[np.argsort(-components[:, 0], kind="mergesort")]
+
+
+@kernel
+def _bandwidth(heading, speed, weights):
+    """`mean_shift.bandwidth_isotropic` of a histogram."""
+    n, east, north = weights.sum(), (weights * np.cos(heading)).sum(), (weights * np.sin(heading)).sum()
+    distance = np.hypot(one_turn(heading - np.arctan2(north, east)), speed)
+    mean = (weights * distance).sum() / n
+    variance = (weights * (distance - mean) ** 2).sum() / max(n - 1.0, 1.0)
+    return max((4.0 / (3.0 * n)) ** 0.2 * np.sqrt(variance), 1e-5)
+
+
+@kernel
+def _hills(bins, heading, speed, weights):
+    """Label [m] of each bin: the hill of the smoothed histogram on which it lies; small ones joined to the nearest."""
+    h = _bandwidth(heading, speed, weights)
+    low = (bins % SPEEDS).min()
+    speeds = (bins % SPEEDS).max() - low + 1
+    smooth = _smoothed(bins, weights, h, low, speeds)
+    labels, roots, number = np.empty(len(bins), np.int64), np.full(HEADINGS * speeds, -1), 0
+    for n in range(len(bins)):
+        i, j = bins[n] // SPEEDS, bins[n] % SPEEDS - low
+        while True:
+            up, over, best = i, j, smooth[i, j]
+            for a in range(-1, 2):
+                for b in range(max(j - 1, 0), min(j + 2, speeds)):
+                    at = (i + a) % HEADINGS
+                    if smooth[at, b] > best:
+                        up, over, best = at, b, smooth[at, b]
+            if up == i and over == j:
+                break
+            i, j = up, over
+        root = i * speeds + j
+        if roots[root] < 0:
+            roots[root] = number
+            number += 1
+        labels[n] = roots[root]
+    return _joined(heading, speed, weights, labels, number)
+
+
+@kernel
+def _smoothed(bins, weights, h, low, speeds):
+    """The histogram [HEADINGS, speeds] under a Gaussian of standard deviation h in rad and in m/s."""
+    across, smooth = np.zeros((HEADINGS, speeds)), np.zeros((HEADINGS, speeds))
+    along = np.exp(-0.5 * (np.arange(speeds) * (SPEED_STEP / h)) ** 2)
+    for n in range(len(bins)):
+        i, j = bins[n] // SPEEDS, bins[n] % SPEEDS - low
+        for at in range(speeds):
+            across[i, at] += weights[n] * along[abs(at - j)]
+    for offset in range(-(HEADINGS // 2), HEADINGS // 2):
+        k = np.exp(-0.5 * (offset * HEADING_STEP / h) ** 2)
+        if k > 1e-12:
+            for i in range(HEADINGS):
+                source = (i + offset) % HEADINGS
+                for at in range(speeds):
+                    smooth[i, at] += k * across[source, at]
+    return smooth
+
+
+@kernel
+def _joined(heading, speed, weights, labels, number):
+    """Labels with the members of clusters under `MIN_CLUSTER` given to the nearest large one (one, if none is)."""
+    mass = np.zeros(number)
+    for n in range(len(labels)):
+        mass[labels[n]] += weights[n]
+    large = mass >= MIN_CLUSTER
+    if not large.any():
+        return np.zeros_like(labels)
+    centre = _components(heading, speed, weights, labels)[:, 1:3]
+    joined = labels.copy()
+    for n in range(len(labels)):
+        if not large[labels[n]]:
+            nearest = np.inf
+            for j in range(number):
+                turn = one_turn(heading[n] - centre[j, 0])
+                d2 = turn**2 + (speed[n] - centre[j, 1]) ** 2
+                if large[j] and d2 < nearest:
+                    nearest, joined[n] = d2, j
+    return joined
+
+
+@kernel
+def _components(heading, speed, weights, labels):
+    """Weight and moments [J, 6] of each cluster that has members, by rising label."""
+    used = np.unique(labels)
+    components = np.zeros((len(used), 6))
+    for j in range(len(used)):
+        n = east = north = mr = 0.0
+        for i in range(len(labels)):
+            if labels[i] == used[j]:
+                n += weights[i]
+                east += weights[i] * np.cos(heading[i])
+                north += weights[i] * np.sin(heading[i])
+                mr += weights[i] * speed[i]
+        mt, mr = np.arctan2(north, east), mr / n
+        shift = 0.0
+        for i in range(len(labels)):
+            if labels[i] == used[j]:
+                shift += weights[i] * one_turn(heading[i] - mt)
+        shift /= n
+        vtt = vtr = vrr = 0.0
+        for i in range(len(labels)):
+            if labels[i] == used[j]:
+                dt, dr = one_turn(heading[i] - mt) - shift, speed[i] - mr
+                vtt += weights[i] * dt * dt
+                vtr += weights[i] * dt * dr
+                vrr += weights[i] * dr * dr
+        # What lies in one bin is as wide as the bin.
+        vtt, vtr, vrr = floor_covariance(max(vtt / n, VARIANCES[0]), vtr / n, max(vrr / n, VARIANCES[1]))
+        components[j] = np.array([n / weights.sum(), one_turn(mt + shift), mr, vtt, vtr, vrr])
+    return components
+
+
+@kernel
+def _em(heading, speed, weights, components):
+    """EM in place, as `swgmm.fit` does it: of bins with weights, whose covariances are no smaller than a bin's."""
+    n, m = len(heading), len(components)
+    share = np.empty((m, 2 * WINDINGS + 1))
+    total, before = weights.sum(), -np.inf
+    for iteration in range(MAX_ITERATIONS + 1):
+        terms = precompute(components)
+        statistics, log_likelihood = np.zeros((m, 6)), 0.0
+        for i in range(n):
+            peak = -np.inf
+            for j in range(m):
+                reach = 0 if components[j, 3] < NARROW else WINDINGS
+                for k in range(-reach, reach + 1):
+                    dt, dr = unwrapped(heading[i] - terms[j, 1], k), speed[i] - terms[j, 2]
+                    e = terms[j, 0] - 0.5 * (
+                        terms[j, 3] * dt * dt + 2.0 * terms[j, 4] * dt * dr + terms[j, 5] * dr * dr
+                    )
+                    share[j, k + reach] = e
+                    peak = max(peak, e)
+            mass = 0.0
+            for j in range(m):
+                reach = 0 if components[j, 3] < NARROW else WINDINGS
+                for k in range(2 * reach + 1):
+                    away = share[j, k] - peak
+                    share[j, k] = np.exp(away) if away > -40.0 else 0.0
+                    mass += share[j, k]
+            log_likelihood += weights[i] * (peak + np.log(mass))
+            for j in range(m):
+                reach = 0 if components[j, 3] < NARROW else WINDINGS
+                for k in range(-reach, reach + 1):
+                    r = share[j, k + reach] * weights[i] / mass
+                    if r > 0.0:
+                        dt, dr = unwrapped(heading[i] - terms[j, 1], k), speed[i] - terms[j, 2]
+                        statistics[j, 0] += r
+                        statistics[j, 1] += r * dt
+                        statistics[j, 2] += r * dr
+                        statistics[j, 3] += r * dt * dt
+                        statistics[j, 4] += r * dt * dr
+                        statistics[j, 5] += r * dr * dr
+        if iteration == MAX_ITERATIONS or log_likelihood - before <= TOLERANCE * total:
+            return
+        before = log_likelihood
+        for j in range(m):
+            s = statistics[j, 0]
+            if s < 1e-12:
+                components[j, 0] = 1e-12
+                continue
+            dt, dr = statistics[j, 1] / s, statistics[j, 2] / s
+            components[j, 0] = s / total
+            components[j, 1] = one_turn(components[j, 1] + dt)
+            components[j, 2] += dr
+            vtt = max(statistics[j, 3] / s - dt * dt, VARIANCES[0])
+            vrr = max(statistics[j, 5] / s - dr * dr, VARIANCES[1])
+            components[j, 3], components[j, 4], components[j, 5] = floor_covariance(
+                vtt, statistics[j, 4] / s - dt * dr, vrr
+            )
