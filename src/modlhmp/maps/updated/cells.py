@@ -11,11 +11,22 @@ import numpy as np
 from modlhmp.angles import TWO_PI, one_turn, unwrapped
 from modlhmp.kernels import kernel
 from modlhmp.maps.cliff import MIN_CLUSTER
-from modlhmp.maps.swgmm import MAX_ITERATIONS, NARROW, TOLERANCE, WINDINGS, floor_covariance, precompute
+from modlhmp.maps.swgmm import (
+    MAX_ITERATIONS,
+    NARROW,
+    TOLERANCE,
+    WINDINGS,
+    add_statistics,
+    exp_of_negative,
+    floor_covariance,
+    precompute,
+)
 
-HEADINGS, HEADING_STEP = 24, TWO_PI / 24
-SPEEDS, SPEED_STEP = 64, 0.25  # [m/s]; the last bin is open
+HEADINGS, HEADING_STEP = 36, TWO_PI / 36
+SPEEDS, SPEED_STEP = 64, 0.125  # [m/s]; the last bin is open
 VARIANCES = HEADING_STEP**2 / 12, SPEED_STEP**2 / 12  # of what is anywhere in a bin
+# Of the bandwidth of mean shift: a bin is wide itself. Chosen by held-out persons of training data (docs/decisions.md).
+NARROWER = 0.7
 MOST_COMPONENTS = 32
 
 
@@ -60,10 +71,6 @@ def _fit(bins, weights):
             break
         components = components[heavy]
         components[:, 0] /= components[:, 0].sum()
-    for j in range(len(components)):  # centres of bins scatter more than what lies in them (W. F. Sheppard, 1898)
-        vtt = max(components[j, 3] - VARIANCES[0], VARIANCES[0])
-        vrr = max(components[j, 5] - VARIANCES[1], VARIANCES[1])
-        components[j, 3], components[j, 4], components[j, 5] = floor_covariance(vtt, components[j, 4], vrr)
     return components[np.argsort(-components[:, 0], kind="mergesort")]
 
 
@@ -80,7 +87,7 @@ def _bandwidth(heading, speed, weights):
 @kernel
 def _hills(bins, heading, speed, weights):
     """Label [m] of each bin: the hill of the smoothed histogram on which it lies; small ones joined to the nearest."""
-    h = _bandwidth(heading, speed, weights)
+    h = NARROWER * _bandwidth(heading, speed, weights)
     low = (bins % SPEEDS).min()
     speeds = (bins % SPEEDS).max() - low + 1
     smooth = _smoothed(bins, weights, h, low, speeds)
@@ -180,47 +187,23 @@ def _components(heading, speed, weights, labels):
 
 @kernel
 def _em(heading, speed, weights, components):
-    """EM in place, as `swgmm.fit` does it: of bins with weights, whose covariances are no smaller than a bin's."""
+    """EM in place, as `swgmm.fit` does it, of bins with weights; no covariance gets smaller than a bin's.
+
+    The variance of a bin is not subtracted (W. F. Sheppard, 1898): narrower components describe new people worse.
+    """
     n, m = len(heading), len(components)
-    share = np.empty((m, 2 * WINDINGS + 1))
+    share = np.empty((m, 2 * WINDINGS + 1, n))
+    statistics = np.empty((m, 6))
     total, before = weights.sum(), -np.inf
     for iteration in range(MAX_ITERATIONS + 1):
         terms = precompute(components)
-        statistics, log_likelihood = np.zeros((m, 6)), 0.0
-        for i in range(n):
-            peak = -np.inf
-            for j in range(m):
-                reach = 0 if components[j, 3] < NARROW else WINDINGS
-                for k in range(-reach, reach + 1):
-                    dt, dr = unwrapped(heading[i] - terms[j, 1], k), speed[i] - terms[j, 2]
-                    e = terms[j, 0] - 0.5 * (
-                        terms[j, 3] * dt * dt + 2.0 * terms[j, 4] * dt * dr + terms[j, 5] * dr * dr
-                    )
-                    share[j, k + reach] = e
-                    peak = max(peak, e)
-            mass = 0.0
-            for j in range(m):
-                reach = 0 if components[j, 3] < NARROW else WINDINGS
-                for k in range(2 * reach + 1):
-                    away = share[j, k] - peak
-                    share[j, k] = np.exp(away) if away > -40.0 else 0.0
-                    mass += share[j, k]
-            log_likelihood += weights[i] * (peak + np.log(mass))
-            for j in range(m):
-                reach = 0 if components[j, 3] < NARROW else WINDINGS
-                for k in range(-reach, reach + 1):
-                    r = share[j, k + reach] * weights[i] / mass
-                    if r > 0.0:
-                        dt, dr = unwrapped(heading[i] - terms[j, 1], k), speed[i] - terms[j, 2]
-                        statistics[j, 0] += r
-                        statistics[j, 1] += r * dt
-                        statistics[j, 2] += r * dr
-                        statistics[j, 3] += r * dt * dt
-                        statistics[j, 4] += r * dt * dr
-                        statistics[j, 5] += r * dr * dr
+        windings = np.where(components[:, 3] < NARROW, 0, WINDINGS)
+        log_likelihood = _shares(heading, speed, weights, terms, windings, share)
         if iteration == MAX_ITERATIONS or log_likelihood - before <= TOLERANCE * total:
             return
         before = log_likelihood
+        statistics[:] = 0.0
+        add_statistics(heading, speed, terms, windings, share, statistics)
         for j in range(m):
             s = statistics[j, 0]
             if s < 1e-12:
@@ -235,3 +218,33 @@ def _em(heading, speed, weights, components):
             components[j, 3], components[j, 4], components[j, 5] = floor_covariance(
                 vtt, statistics[j, 4] / s - dt * dr, vrr
             )
+
+
+@kernel
+def _shares(heading, speed, weights, terms, windings, share):
+    """E-step: fill `share` [J, windings, n] with the weight of each bin times its responsibilities; log-likelihood."""
+    n = len(heading)
+    peak, mass = np.full(n, -np.inf), np.zeros(n)
+    for j in range(len(terms)):
+        for k in range(-windings[j], windings[j] + 1):
+            exponent = share[j, k + windings[j]]
+            for i in range(n):
+                dt, dr = unwrapped(heading[i] - terms[j, 1], k), speed[i] - terms[j, 2]
+                quadratic = terms[j, 3] * dt * dt + 2.0 * terms[j, 4] * dt * dr + terms[j, 5] * dr * dr
+                exponent[i] = terms[j, 0] - 0.5 * quadratic
+                peak[i] = max(peak[i], exponent[i])
+    for j in range(len(terms)):
+        for k in range(2 * windings[j] + 1):
+            density = share[j, k]
+            for i in range(n):
+                density[i] = exp_of_negative(density[i] - peak[i])
+                mass[i] += density[i]
+    log_likelihood = 0.0
+    for i in range(n):
+        log_likelihood += weights[i] * (peak[i] + np.log(mass[i]))
+        mass[i] = weights[i] / mass[i]
+    for j in range(len(terms)):
+        for k in range(2 * windings[j] + 1):
+            for i in range(n):
+                share[j, k, i] *= mass[i]
+    return log_likelihood

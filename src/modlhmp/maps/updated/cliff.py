@@ -31,7 +31,8 @@ class Fitted(NamedTuple):
     components: np.ndarray
 
 
-NOTHING = Fitted(*(np.empty(0, np.int64) for _ in range(4)), np.empty((0, 6)))
+NONE = np.empty(0, np.int64)
+NOTHING = Fitted(NONE, NONE, np.empty(0), NONE, np.empty((0, 6)))
 
 
 class CountedCliff(Counted):
@@ -150,13 +151,13 @@ class Reader:
 def _spliced(before: Fitted, changed: np.ndarray, fitted: Fitted) -> Fitted:
     """`before` with the cells `changed` as they are in `fitted`, or without them where they are not."""
     kept = ~np.isin(before.cells, changed)
-    both = Fitted(
-        *(np.concatenate([ours[kept], new]) for ours, new in zip(before[:4], fitted[:4], strict=True)),
-        np.concatenate([before.components[np.repeat(kept, before.sizes)], fitted.components]),
-    )
-    order = np.argsort(both.cells, kind="stable")
-    start = (np.cumsum(both.sizes) - both.sizes)[order]
-    return Fitted(*(part[order] for part in both[:4]), both.components[runs(start, both.sizes[order])])
+    parts = [np.concatenate([ours[kept], new]) for ours, new in zip(before[:4], fitted[:4], strict=True)]
+    components = np.concatenate([before.components[np.repeat(kept, before.sizes)], fitted.components])
+    cells, counts, weights, sizes = parts
+    order = np.argsort(cells, kind="stable")
+    start = (np.cumsum(sizes) - sizes)[order]
+    chosen = components[runs(start, sizes[order])]
+    return Fitted(cells[order], counts[order], weights[order], sizes[order], chosen)
 
 
 @kernel

@@ -3,7 +3,7 @@
 A snippet or a way out is no sum over rows: what comes after a row decides, and that may be told later. So the rows are
 kept, once each, by (recording, person, time): batches may cut a person's walk anywhere, maps may overlap, and a day or
 a person is taken out again, all to the bit. A sample of snippets that must give a day back would need one sample a day,
-and these are larger than the rows as long as a bin sees fewer than some 250 people a day.
+and these are larger than the rows as long as a bin sees fewer than some 200 people a day.
 
 Whom a map holds is drawn by keys of (recording, person, time), not by a generator's state: the same rows give the same
 map, however they came. Forgetting draws by weight: a snippet's key grows with its age (P. Efraimidis, P. Spirakis,
