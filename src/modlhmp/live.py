@@ -178,7 +178,7 @@ class Live:
                 f"Live.forecast: t0 {t0:.3f} is {self.now - t0:.3g} s before the newest row; what a forecast needs is "
                 f"kept for one time step, {self.site.time_step_s:g} s"
             )
-        if self._learner and self._learner.due(self.now) and self._learner.learn(self.now).hours:
+        if self._learner and self._learner.due(self.now) and self._learner.learn(self.now).changed:
             self._predictor = predictor(learned(self._learner.kept), **self._asked)
         self.counts["forecasts"] += 1
         people = [person for person in self._people.values() if len(person.rows[0])]
@@ -201,6 +201,19 @@ class Live:
             "single",
         )
         return Futures(none.astype(np.int64), none, np.empty((0, 2)), nobody, self.site)
+
+    @property
+    def learns(self) -> bool:
+        """Whether its map is kept up to date."""
+        return self._learner is not None
+
+    def updated(self) -> UpdatedMap:
+        """The map that is kept up to date, told of all that has been seen so far."""
+        if self._learner is None:
+            raise DataError("Live.updated: its map is not kept up to date; make it of an UpdatedMap")
+        if math.isfinite(self.now):
+            self._learner.learn(self.now)
+        return self._learner.kept
 
     def warm_up(self) -> None:
         """Load what the first forecast would wait for, and compile it where it never has been."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from modlhmp.api import Map
 from modlhmp.arguments import check_tracks, path_of, site_from, site_of
+from modlhmp.exchange.parquet import is_parquet
 from modlhmp.kinds import find
 from modlhmp.maps.updated.cliff import CountedCliff
 from modlhmp.maps.updated.counted import Counted
@@ -97,21 +98,22 @@ class UpdatedMap:
         """Add what another map of the same kind, site and cells holds; returns the rows that both had, counted once."""
         if not isinstance(other, UpdatedMap):
             raise DataError(f"merge: {type(other).__name__}: give an UpdatedMap, as UpdatedMap.load reads it")
-        ours, theirs = self._state, other._state
-        for name, mine, its in (
-            ("kind", self.kind, other.kind), ("time zone", self.site.timezone, other.site.timezone),
-            ("time step [s]", self.site.time_step_s, other.site.time_step_s),
-            *((name, mine, as_plain(theirs.building)[name]) for name, mine in as_plain(ours.building).items()),
-        ):  # fmt: skip
-            if mine != its:
+        ours, theirs = self._cells(), other._cells()
+        for name in ours:  # the kind comes first, and says which others there are
+            if ours[name] != theirs[name]:
                 raise DataError(
-                    f"merge: {name} {mine!r} and {its!r}: maps of other cells cannot be added up; build one anew "
-                    f"with {name} {mine!r}"
+                    f"merge: {name} {ours[name]!r} and {theirs[name]!r}: maps of other cells cannot be added up; build "
+                    f"one anew with {name} {ours[name]!r}"
                 )
-        both = ours.merge(theirs)  # type: ignore[arg-type]  # of one kind
+        both = self._state.merge(other._state)  # type: ignore[arg-type]  # of one kind
         if both:
             logging.getLogger("modlhmp").warning("merge: both maps have %d rows, which are counted once", both)
         return both
+
+    def _cells(self):
+        """What maps must share to be added up."""
+        site = {"time zone": self.site.timezone, "time step [s]": self.site.time_step_s}
+        return {"kind": self.kind, **site, **as_plain(self._state.building)}
 
     def remove(self, day: str | None = None, *, person: int | None = None, recording: str = "") -> int:
         """Take out all rows of a day of the place (ISO date), or of a person; returns their number.
@@ -165,6 +167,11 @@ class UpdatedMap:
         found = cls(about["updated"], site, about["half_life_h"], **about["building"])
         found._state.restore(read_parquet(path), path)
         return found
+
+
+def is_state(path: str | Path) -> bool:
+    """Whether a file is what `UpdatedMap.save` wrote."""
+    return Path(path).is_file() and is_parquet(path) and "updated" in read_metadata(path)
 
 
 def _in_order(tracks: Any, where: str, site: Site) -> tuple[Tracks, int, int]:

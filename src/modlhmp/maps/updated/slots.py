@@ -17,20 +17,21 @@ class Update(NamedTuple):
 
     `taken` are new; `repeated` were in the map and count once; `unused` have no heading or stand still, which kinds of
     counts leave out; `late` are those taken that belong before the newest hour of the map, which changes nothing but
-    is worth knowing; `hours` is the number of slots that changed, 0 where the map is the one of before; `out_of_order`
-    came after a later row of their person.
+    is worth knowing; `changed` is the number of slots (hours, intervals) that are not as before: of 0 the map is that
+    of before; `out_of_order` came after a later row of their person.
     """
 
     taken: int
     repeated: int
     unused: int
     late: int
-    hours: int
+    changed: int
     out_of_order: int = 0
 
     def __str__(self) -> str:
-        text = ", ".join(f"{value} {name}" for name, value in self._asdict().items() if value and name != "hours")
-        return f"{text or 'no rows'}; {f'{self.hours} hours changed' if self.hours else 'the map is that of before'}"
+        text = ", ".join(f"{value} {name}" for name, value in self._asdict().items() if value and name != "changed")
+        done = f"{self.changed} slots of time changed" if self.changed else "the map is that of before"
+        return f"{text or 'no rows'}; {done}"
 
 
 def day_number(day: str) -> int:
