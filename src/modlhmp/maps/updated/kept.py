@@ -68,12 +68,11 @@ class Kept:
                     f"add: row 0: ({new.x[0]:g}, {new.y[0]:g}) m: no row is within {EDGE_M:g} m of the map: another "
                     "frame? Move the tracks; of a new place, build a map of its own and merge it"
                 )
-        known = self._hours(self.rows.t).max(initial=-1)
         names, rows, shared = _union(self.names, self.rows, [recording], new, "add")
-        hours = self._hours(tracks.t)
-        late = int((hours < known).sum()) if shared < len(hours) else 0
+        taken, hours = len(tracks.t) - shared, self._hours(tracks.t)
+        late = int((hours < self._newest()).sum()) if len(self.rows.t) else 0
         self.names, self.rows = names, rows
-        return Update(len(hours) - shared, shared, 0, late, len(np.unique(hours)) if shared < len(hours) else 0)
+        return Update(taken, shared, 0, min(late, taken), len(np.unique(hours)) if taken else 0)
 
     def merge(self, other: "Kept") -> int:
         """Keep the rows of another map, too; returns the rows that both had, which are kept once."""
@@ -157,8 +156,11 @@ class Kept:
 
     def _weights(self, t):
         """What times count now: halved by the hours before the map's newest."""
-        hours = self._hours(self.rows.t).max() - self._hours(t)
-        return 0.5 ** (hours / self.half_life_h)
+        return 0.5 ** ((self._newest() - self._hours(t)) / self.half_life_h)
+
+    def _newest(self):
+        """The clock hour of the newest row."""
+        return self._hours(self.rows.t.max(keepdims=True))[0]
 
     def _thinned(self, tracks, first):
         """The walks that stay: each by a number of its own, with the probability that is its weight."""
