@@ -15,7 +15,7 @@ from modlhmp.maps.updated.cells import bins_of, fit_cells
 from modlhmp.maps.updated.counted import BIN_BITS, Counted, Slot, changes, packed, summed, unpacked
 from modlhmp.tracks import Tracks, runs
 
-LONG_MEMORY = 10.0  # rows that all of a location's history counts for beside what is not forgotten
+LONG_MEMORY = 10.0  # rows that what is forgotten of a location counts for, at most, spread like all it ever saw
 
 
 class Fitted(NamedTuple):
@@ -110,8 +110,9 @@ class Reader:
         starts = np.append(first, len(codes))
         weights = counts.astype(float)
         if of.half_life_h is not None and len(codes):
-            rows_ever = np.repeat(total, np.diff(starts))
-            weights = self._decayed(of, codes) + LONG_MEMORY * weights / rows_ever
+            decayed, size = self._decayed(of, codes), np.diff(starts)
+            forgotten = np.minimum(total - np.add.reduceat(decayed, first), LONG_MEMORY)
+            weights = decayed + weights * np.repeat(forgotten / total, size)
         sizes, components = fit_cells(starts, codes & ((1 << BIN_BITS) - 1), weights)
         return Fitted(cells[first], total, total.astype(float), np.diff(sizes), components)
 
