@@ -182,6 +182,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "follows there, and what it forgets of the half that stays.",
         needs=lambda plan, datasets: [file for dataset in datasets for file in plan.tracks(dataset.name, "train")],
         lacks=(lacks.ONE_HOUR,),
+        minutes=30,
     ),
     Exhibit(
         name="rank",
