@@ -69,13 +69,7 @@ def update(
         _say(f"{state}: {kept.remove(day=day)} rows of {day} removed")
     for other in merge or []:
         _say(f"{state}: {other} merged, {kept.merge(UpdatedMap.load(other))} rows of it were there")
-    for name, rows, site in walked:
-        if (site.timezone, site.time_step_s) != (kept.site.timezone, kept.site.time_step_s):
-            raise DataError(
-                f"{name}: time zone {site.timezone}, time step {site.time_step_s:g} s: the map {state} has "
-                f"{kept.site.timezone} and {kept.site.time_step_s:g} s"
-            )
-        _say(f"{name}: {kept.add(rows, name)}")
+    _add(kept, walked, state)
     if half_life is not None:
         kept.forget(None if half_life == float("inf") else half_life)
     kept.save(state)
@@ -83,6 +77,17 @@ def update(
         written = kept.written()
         written.save(out)
         _say(f"{out}: {_summary(written)}")
+
+
+def _add(kept: UpdatedMap, walked: list[tuple[str, Tracks, Site]], state: Path) -> None:
+    """Tell a map of recordings of its site."""
+    for name, rows, site in walked:
+        if (site.timezone, site.time_step_s) != (kept.site.timezone, kept.site.time_step_s):
+            raise DataError(
+                f"{name}: time zone {site.timezone}, time step {site.time_step_s:g} s: the map {state} has "
+                f"{kept.site.timezone} and {kept.site.time_step_s:g} s"
+            )
+        _say(f"{name}: {kept.add(rows, name)}")
 
 
 def _recordings(file: Path, data_root: Path | None, of: Site | str) -> list[tuple[str, Tracks, Site]]:
