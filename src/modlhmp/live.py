@@ -21,10 +21,12 @@ from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures
 from modlhmp.ids import NOBODY, id_of
 from modlhmp.kinds import find
+from modlhmp.live_map import Learner, learned
 from modlhmp.settings import as_plain, fields_of
 from modlhmp.storage import DataError, column
 from modlhmp.time_step import GONE, HERE, NEW, ending_at
 from modlhmp.tracks import LEAST_JUMP_S, Tracks, gap_limit
+from modlhmp.updates import UpdatedMap
 
 MOST_PEOPLE = 1000
 MOST_ROWS = 1024  # of a person; 9 s at 100 Hz are fewer
@@ -88,15 +90,20 @@ class Live:
     `counts` say what became of the rows, `present` who was `here`, `new` (too few rows yet) or `gone` at the last
     forecast, `who` {track id of the futures: the id that was given} of those who were here; `extent` is the map's,
     (x low, x high, y low, y high) [m], for grids that stay the same, None where there is no map.
+
+    `by` may be an `UpdatedMap`: then it is told of who is seen, at every full hour (`live_map`), before the forecast.
     """
 
     def __init__(
-        self, by: Map | str, horizon_s: float | None = None, seed: int = 0, *, most_people: int = MOST_PEOPLE,
-        **asked: Any,
+        self, by: Map | UpdatedMap | str, horizon_s: float | None = None, seed: int = 0, *,
+        most_people: int = MOST_PEOPLE, **asked: Any,
     ) -> None:  # fmt: skip
         if not isinstance(most_people, int | np.integer) or isinstance(most_people, bool) or most_people < 1:
             raise DataError(f"most_people {most_people!r}: give a whole number of at least 1")
-        self._predictor = predictor(by, horizon_s, seed, **{**_defaults(by, asked.get("site")), **asked})
+        self._learner = Learner(by) if isinstance(by, UpdatedMap) else None
+        by = learned(by) if isinstance(by, UpdatedMap) else by
+        asked = {"horizon_s": horizon_s, "seed": seed, **_defaults(by, asked.get("site")), **asked}
+        self._predictor, self._asked = predictor(by, **asked), asked
         site = self._predictor.site
         if uses_recorded(self._predictor.options, site):
             raise DataError("Live: positions are all that it is told; use velocity='differences'")
@@ -116,6 +123,8 @@ class Live:
         """Take a row: somebody was at (x, y) [m] at t [unix s]; returns "", or why it was not taken, as in `counts`."""
         why = "" if is_row(t, who, x, y) else "bad"
         why = why or self._pass(float(t)) or self._take(float(t), who, float(x), float(y))
+        if self._learner and not why:
+            self._learner.see(float(t), who, float(x), float(y))
         self.counts[why or "taken"] += 1
         return why
 
@@ -169,6 +178,8 @@ class Live:
                 f"Live.forecast: t0 {t0:.3f} is {self.now - t0:.3g} s before the newest row; what a forecast needs is "
                 f"kept for one time step, {self.site.time_step_s:g} s"
             )
+        if self._learner and self._learner.due(self.now) and self._learner.learn(self.now).changed:
+            self._predictor = predictor(learned(self._learner.kept), **self._asked)
         self.counts["forecasts"] += 1
         people = [person for person in self._people.values() if len(person.rows[0])]
         seen, state = ending_at(
@@ -190,6 +201,19 @@ class Live:
             "single",
         )
         return Futures(none.astype(np.int64), none, np.empty((0, 2)), nobody, self.site)
+
+    @property
+    def learns(self) -> bool:
+        """Whether its map is kept up to date."""
+        return self._learner is not None
+
+    def updated(self) -> UpdatedMap:
+        """The map that is kept up to date, told of all that has been seen so far."""
+        if self._learner is None:
+            raise DataError("Live.updated: its map is not kept up to date; make it of an UpdatedMap")
+        if math.isfinite(self.now):
+            self._learner.learn(self.now)
+        return self._learner.kept
 
     def warm_up(self) -> None:
         """Load what the first forecast would wait for, and compile it where it never has been."""

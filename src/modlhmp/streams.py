@@ -25,13 +25,24 @@ def stream_keys(track_ids: np.ndarray, k: int, *names: object, later_s: np.ndarr
     return _mix(track + np.arange(k, dtype=np.uint64) * _GOLDEN)
 
 
+def row_keys(track_ids: np.ndarray, t: np.ndarray, *names: object) -> np.ndarray:
+    """One 64-bit key per row [n] of tracks, from its track, its time `t` [s] to the ms, and `names`."""
+    digest = hashlib.blake2b("\0".join(map(str, names)).encode(), digest_size=8).digest()
+    track = _mix(np.asarray(track_ids, np.int64).view(np.uint64) ^ np.uint64(int.from_bytes(digest, "little")))
+    return _mix(track ^ _mix(np.rint(1000 * np.asarray(t)).astype(np.int64).view(np.uint64)))
+
+
 def uniforms(keys: np.ndarray, step: int, draws: int) -> np.ndarray:
     """Numbers in (0, 1), one row per key: [n, draws] for `keys` [n]; a counter-based generator (SplitMix64).
 
     G. Steele, D. Lea, C. Flood, Fast splittable pseudorandom number generators, OOPSLA 2014.
     """
     counter = np.arange(step * draws + 1, (step + 1) * draws + 1, dtype=np.uint64) * _GOLDEN
-    bits = _mix(keys[:, None] + counter)
+    return uniform_of(_mix(keys[:, None] + counter))
+
+
+def uniform_of(bits: np.ndarray) -> np.ndarray:
+    """Numbers in (0, 1) of 64 random bits each."""
     return ((bits >> np.uint64(11)).astype(np.float64) + 0.5) * 2.0**-53
 
 

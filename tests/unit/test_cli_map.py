@@ -44,7 +44,7 @@ def refused(monkeypatch, capsys, *arguments):
     return capsys.readouterr().err.strip().splitlines()[-1]
 
 
-@pytest.mark.parametrize("verb", ["build", "info", "plot", "convert", "compare"])
+@pytest.mark.parametrize("verb", ["build", "update", "info", "plot", "convert", "compare"])
 def test_help_teaches_by_example(verb):
     text, _ = said(verb, "--help")
     assert f"modlhmp map {verb} " in text
@@ -301,3 +301,46 @@ def test_opposite_flows_are_as_different_as_can_be():
     assert found["speed_m_s"].tolist() == [0.5]
     assert found["apart_m"].tolist() == [pytest.approx(0.3)]
     assert len(compare(flows("cliff", cliff_of((0, 9, 9, 1, 0, 1, 1, 1))), east)["x"]) == 0
+
+
+# --- update -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_map_is_updated_piece_by_piece(folder, tmp_path):
+    """Torn apart by person, told twice, merged, and a day taken out again: the map of the tracks."""
+    tracks = crowd()
+    for name, part in (("even", 0), ("odd", 1)):
+        write_tracks(tracks.take(tracks.track_id % 2 == part), tmp_path / name / "hall.parquet")
+    write_tracks(tracks._replace(t=tracks.t + 86400), tmp_path / "tuesday.parquet")
+    state, other = tmp_path / "state.parquet", tmp_path / "other.parquet"
+    _, told = said("update", state, tmp_path / "even/hall.parquet", tmp_path / "tuesday.parquet", "--kind", "exits")
+    assert "hall: 800 taken; 2 slots of time changed" in told
+    assert "800 repeated; the map is that of before" in said("update", state, tmp_path / "even/hall.parquet")[1]
+    said("update", other, tmp_path / "odd/hall.parquet", "--kind", "exits")
+    day = str(np.datetime64(int(tracks.t[0] + 86400), "s"))[:10]
+    _, told = said("update", state, "--merge", other, "--remove-day", day, "--out", tmp_path / "exits.parquet")
+    assert f"{len(tracks.t)} rows of {day} removed" in told and f"exits.parquet: exits, {_rows(folder)} rows" in told
+    assert modlhmp.load_map(tmp_path / "exits.parquet").whole.equals(modlhmp.load_map(folder / "exits.parquet").whole)
+
+
+def _rows(folder):
+    return modlhmp.load_map(folder / "exits.parquet").whole.num_rows
+
+
+def test_what_cannot_be_updated_is_refused(folder, tmp_path, monkeypatch, capsys):
+    state = tmp_path / "state.parquet"
+    assert "holds no counts to be updated" in refused(
+        monkeypatch, capsys, "update", folder / "cliff.parquet", folder / "tracks.parquet"
+    )
+    assert "nothing to do: give tracks" in refused(monkeypatch, capsys, "update", state)
+    assert "half_life_h 0.0: give hours above 0" in refused(
+        monkeypatch, capsys, "update", state, folder / "tracks.parquet", "--kind", "episodes", "--half-life", "0"
+    )
+    assert not state.exists()
+    said("update", state, folder / "tracks.parquet", "--kind", "episodes")
+    assert "it is a map of kind episodes with options of its own" in refused(
+        monkeypatch, capsys, "update", state, folder / "tracks.parquet", "--kind", "cliff"
+    )
+    assert "two recordings have the same name" in refused(
+        monkeypatch, capsys, "update", state, folder / "tracks.parquet", folder / "tracks.parquet"
+    )

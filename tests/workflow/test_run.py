@@ -41,7 +41,7 @@ PAPER_FIGURES = (
 )
 TABLES = (*PAPER_TABLES, "ladder-atc", "ladder-edin", "tab_occupied", "tab_likelihood", "tab_likelihood_given")
 FIGURES = (
-    *(*PAPER_FIGURES, "ladder", "memory-maps", "training-share"),
+    *(*PAPER_FIGURES, "ladder", "memory-maps", "prequential", "training-share"),
     *("occupied", "occupied-atc-film", "occupied-edin-film", "likelihood"),
 )
 

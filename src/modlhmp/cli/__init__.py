@@ -2,7 +2,7 @@
 
 import typer
 
-from modlhmp.cli import forecast, inspect, kinds, live, map, score, task  # noqa: F401 - each adds its verbs
+from modlhmp.cli import forecast, inspect, kinds, live, map, map_update, score, task  # noqa: F401 - each adds its verbs
 from modlhmp.cli.app import app
 from modlhmp.storage import DataError
 

@@ -33,6 +33,9 @@ A recording; and a tracker, twice a second, with cells after 10 and 20 s:
   tracker | modlhmp live --map episodes.parquet --every 0.5 \\
       --occupancy 10,20 --latest | robot
 \b
+A map that learns, at every full hour, from who is seen:
+  tracker | modlhmp live --map hall.state.parquet --keep hall.state.parquet
+\b
 A moment is forecast when the first row from after it comes. A tracker can
 say that it has told everyone who was there, and wait for no row:
   {"t": 1351042801.0}
@@ -50,7 +53,10 @@ option or the file of rows is wrong. 2: the command line is wrong.
 
 @app.command(help=HELP)
 def live(
-    map_file: Annotated[Path, typer.Option("--map", metavar="FILE", help="A map; a folder, of one by hours.")],
+    map_file: Annotated[
+        Path,
+        typer.Option("--map", metavar="FILE", help="A map, or a state of `map update`; a folder, of one by hours."),
+    ],
     rows: Annotated[Path, typer.Argument(metavar="ROWS", hidden=True)] = Path("-"),
     horizon: Annotated[float | None, typer.Option(metavar="S", help="How far ahead [s] [default: the map's]")] = None,
     every: Annotated[
@@ -64,6 +70,10 @@ def live(
     options: Annotated[
         list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An option that `modlhmp kinds KIND` lists.")
     ] = None,
+    keep: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="MAP is a state of `map update`: write here what it holds when rows end."),
+    ] = None,
     latest: Annotated[
         bool, typer.Option("--latest", help="Leave forecasts out where the reader does not keep up.")
     ] = False,
@@ -72,6 +82,8 @@ def live(
     from modlhmp.live_lines import Newest, batches, forecasts, text_of, write_all  # noqa: PLC0415 - as other verbs do
 
     forecaster = _forecaster(map_file, horizon, exits, options or [])
+    if keep is not None and not forecaster.learns:
+        raise DataError(f"--keep {keep}: {map_file} is a finished map: give the state that modlhmp map update keeps")
     at_s, every_s = _moments(forecaster, occupancy), _every(forecaster, every)
     source = _opened(rows)
     forecaster.warm_up()
@@ -90,6 +102,8 @@ def live(
         ) from None
     except KeyboardInterrupt:
         status = INTERRUPTED
+    if keep is not None:
+        forecaster.updated().save(keep)
     counts = {**forecaster.counts, **({"skipped": newest.skipped} if newest else {})}
     typer.echo(", ".join(f"{name} {number}" for name, number in counts.items() if number) or "no rows", err=True)
     if not status and counts["bad"] and not counts["taken"]:
@@ -102,6 +116,7 @@ def _forecaster(map_file: Path, horizon_s: float | None, exits: Path | None, opt
     """The `Live` of what was said."""
     from modlhmp.api import load_map  # noqa: PLC0415 - as other verbs do
     from modlhmp.live import Live  # noqa: PLC0415
+    from modlhmp.updates import UpdatedMap, is_state  # noqa: PLC0415
 
     given: dict[str, Any] = {}
     for one in options:
@@ -113,7 +128,8 @@ def _forecaster(map_file: Path, horizon_s: float | None, exits: Path | None, opt
         except (yaml.YAMLError, ValueError, RecursionError):
             raise DataError(f"--set {one!r}: {value!r} is no number and no word") from None
     ways_out = None if exits is None else load_map(exits)
-    return Live(load_map(map_file), horizon_s, **{"exits": ways_out, **given})
+    source = UpdatedMap.load(map_file) if is_state(map_file) else load_map(map_file)
+    return Live(source, horizon_s, **{"exits": ways_out, **given})
 
 
 def _moments(forecaster: "Live", listed: str) -> list[float]:

@@ -4,6 +4,7 @@ Paper Sec. III-C.1, Alg. 2; T. Kucner et al., RA-L 2017. The time-conditioned CL
 clock hour (`maps.base.HourlyMod`), Sec. III-C.2.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -45,24 +46,17 @@ def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | No
     moving = np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
     tracks = tracks.take(moving)
     locations, members = neighbourhoods(tracks.x, tracks.y, resolution_m, building.radius_m, building.min_observations)
-    rows = []
-    for number, (node, mine) in enumerate(
-        zip(
-            locations,
-            progress(members, desc="CLiFF-map", unit=" locations"),
-            strict=True,
-        )
-    ):
-        components = fit_location(tracks.heading[mine], tracks.speed[mine], building.bandwidth)
-        head = np.tile([number, *node], (len(components), 1))
-        rows.append(np.column_stack([head, components, np.full(len(components), len(mine))]))
-    table = np.concatenate(rows) if rows else np.empty((0, 10))
+    mixtures = [
+        fit_location(tracks.heading[mine], tracks.speed[mine], building.bandwidth)
+        for mine in progress(members, desc="CLiFF-map", unit=" locations")
+    ]
+    counts = np.array([len(mine) for mine in members], np.int64)
     # The motion intensity of Sec. III-C.1: of observations (public code), or of time as the paper writes.
-    p = table[:, 9] / table[:, 9].max() if len(table) else table[:, 9]
+    p = counts / counts.max(initial=1)
     if building.intensity == "time":
         seen = np.floor(tracks.t / step_s)
-        p = np.array([len(np.unique(seen[mine])) for mine in members])[table[:, 0].astype(int)] / observed
-    return as_table(table, p, resolution_m, building.radius_m, observed)
+        p = np.array([len(np.unique(seen[mine])) for mine in members]) / observed
+    return table_of(locations, mixtures, counts, p, resolution_m, building.radius_m, observed)
 
 
 def steps_observed(t: np.ndarray, step_s: float) -> int:
@@ -70,15 +64,29 @@ def steps_observed(t: np.ndarray, step_s: float) -> int:
     return len(np.unique(np.floor(t / step_s)))
 
 
-def as_table(rows: np.ndarray, p: np.ndarray, resolution_m: float, radius_m: float, observed: int) -> pa.Table:
-    """The Parquet form: `rows` [n, 10] hold a component's location, x, y, mixture and count; `p` [n] its intensity."""
-    columns = zip(COLUMNS, (*rows.T, p, np.ones(len(rows))), strict=True)
+def table_of(
+    locations: np.ndarray,
+    mixtures: Sequence[np.ndarray],
+    counts: np.ndarray,
+    p: np.ndarray,
+    resolution_m: float,
+    radius_m: float,
+    observed: int = 0,
+) -> pa.Table:
+    """The table of locations [n, 2], each with a mixture [J, 6], the count of its observations, and its intensity p.
+
+    `observed` are the time steps with people, 0 where that is not known.
+    """
+    sizes = [len(one) for one in mixtures]
+    number = np.repeat(np.arange(len(locations)), sizes)
+    components = np.concatenate(mixtures) if len(mixtures) else np.empty((0, 6))
+    parts = (number, *locations[number].T, *components.T, counts[number], p[number], np.ones(len(number)))
     metadata = {"resolution": str(resolution_m), "radius": str(radius_m)}
-    if len(rows):  # how many people walk within the radius of the busiest location, on average
-        metadata["busiest"] = f"{rows[:, 9].max() / observed:.6g}"
-    return pa.table({name: values.astype(TYPES.get(name, float)) for name, values in columns}).replace_schema_metadata(
-        metadata
-    )
+    if observed and len(number):  # how many people walk within the radius of the busiest location, on average
+        metadata["busiest"] = f"{counts.max() / observed:.6g}"
+    return pa.table(
+        {name: np.asarray(part).astype(TYPES.get(name, float)) for name, part in zip(COLUMNS, parts, strict=True)}
+    ).replace_schema_metadata(metadata)
 
 
 def neighbourhoods(

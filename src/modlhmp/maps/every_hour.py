@@ -66,13 +66,11 @@ def table(
     of: Walked, building: Building, hour: int | None, mixtures: Iterable[np.ndarray], background: np.ndarray
 ) -> pa.Table:
     """The map of an hour, None: of the day, from the mixture [J, 6] and the background of each location."""
-    rows, shares, counts = [np.empty((0, 10))], [], of.counts(hour)
-    for number, (place, mixture) in enumerate(zip(of.places, mixtures, strict=True)):
-        own = mixture[np.argsort(-mixture[:, 0], kind="stable")]
-        head = np.tile([number, *place], (len(own), 1))
-        rows.append(np.column_stack([head, own, np.full(len(own), counts[number])]))
-        shares += [background[number]] * len(own)
-    components = np.concatenate(rows)
-    p = components[:, 9] / max(counts.max(initial=0), 1)
-    found = cliff.as_table(components, p, building.resolution_m, building.radius_m, of.observed[hour])
-    return found.append_column("background", pa.array(np.array(shares, np.float32)))
+    counts = of.counts(hour)
+    own = [mixture[np.argsort(-mixture[:, 0], kind="stable")] for mixture in mixtures]
+    found = cliff.table_of(
+        of.places, own, counts, counts / counts.max(initial=1), building.resolution_m, building.radius_m,
+        of.observed[hour],
+    )  # fmt: skip
+    shares = np.repeat(background, [len(one) for one in own])
+    return found.append_column("background", pa.array(shares.astype(np.float32)))

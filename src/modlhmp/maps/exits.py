@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.maps.base import Sampled, lattice_box, parts, read_map
-from modlhmp.maps.pieces import cell_and_bin, heading_bin, resample
+from modlhmp.maps.pieces import Pieces, cell_and_bin, heading_bin, resample
 from modlhmp.options import ExitBuilding
 from modlhmp.site import Site
 from modlhmp.storage import column
@@ -25,14 +25,26 @@ COLUMNS = ("i", "j", "bin", "left", "rows")
 
 def build(tracks: Tracks, site: Site, building: ExitBuilding | None = None) -> pa.Table:
     """Count rows and last rows of tracks by cell and heading bin (`pieces.heading_bin`); returns a `pyarrow.Table`."""
-    step_s, cell_m = site.time_step_s, (building or ExitBuilding()).cell_m
-    pieces = resample(tracks, step_s)
-    row = np.flatnonzero(pieces.age >= 1)
+    pieces = resample(tracks, site.time_step_s)
+    return table_of(pieces, counted(pieces), site, building or ExitBuilding())
+
+
+def counted(pieces: Pieces) -> np.ndarray:
+    """The rows [n] that have a heading."""
+    return np.flatnonzero(pieces.age >= 1)
+
+
+def table_of(
+    pieces: Pieces, row: np.ndarray, site: Site, building: ExitBuilding, weights: np.ndarray | None = None
+) -> pa.Table:
+    """The counts of rows `row` [n] of pieces; with `weights` [n], what each counts for, they are no whole numbers."""
+    step_s, cell_m = site.time_step_s, building.cell_m
     bins, which = np.unique(cell_and_bin(pieces, row, cell_m, step_s), axis=0, return_inverse=True)
-    ends = (row == pieces.last[row]).astype(float)
+    ends, number = (row == pieces.last[row]).astype(float), np.int32 if weights is None else np.float64
+    weights = np.ones(len(row)) if weights is None else weights
     counts = {
-        "left": np.bincount(which.ravel(), ends, len(bins)).astype(np.int32),
-        "rows": np.bincount(which.ravel(), minlength=len(bins)).astype(np.int32),
+        "left": np.bincount(which.ravel(), ends * weights, len(bins)).astype(number),
+        "rows": np.bincount(which.ravel(), weights, len(bins)).astype(number),
     }
     table = pa.table({**dict(zip(COLUMNS, bins.astype(np.int32).T, strict=False)), **counts})
     return table.replace_schema_metadata({"cell": str(cell_m), "step": str(step_s)})

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.maps.base import lattice_box, read_map
-from modlhmp.maps.pieces import HEADINGS, Metric, cell_and_bin, features, resample
+from modlhmp.maps.pieces import HEADINGS, Metric, Pieces, cell_and_bin, features, resample
 from modlhmp.options import SnippetBuilding, Snippets
 from modlhmp.site import Site
 from modlhmp.storage import column
@@ -28,20 +28,37 @@ def build(tracks: Tracks, site: Site, building: SnippetBuilding | None = None, s
     where the person left. `steps` says how many were walked, up to one more than the length: whoever walked no more
     than the length has left by then. A bin keeps at most `most` snippets, of which each stands for `stands_for`.
     """
-    building = building or SnippetBuilding()
+    pieces = resample(tracks, site.time_step_s)
+    row = whole(pieces, site)
+    return table_of(pieces, row, np.random.default_rng(seed).random(len(row)), site, building or SnippetBuilding())
+
+
+def whole(pieces: Pieces, site: Site) -> np.ndarray:
+    """Rows [n] at which a snippet can start: as many before as a walker is observed for, and one after them."""
+    return np.flatnonzero((pieces.age >= site.observed_rows - 1) & (pieces.last > np.arange(len(pieces.person))))
+
+
+def table_of(
+    pieces: Pieces, row: np.ndarray, keys: np.ndarray, site: Site, building: SnippetBuilding,
+    weights: np.ndarray | None = None,
+) -> pa.Table:  # fmt: skip
+    """The map of the snippets that start at `row` [n]: of each bin those with the smallest `keys` [n].
+
+    `weights` [n] are what each counts for; default: 1.
+    """
     step_s, cell_m, most, past = site.time_step_s, building.cell_m, building.most, site.observed_rows - 1
-    pieces, length = resample(tracks, step_s), max(round(building.length_s / step_s), 1)
-    row = np.flatnonzero((pieces.age >= past) & (pieces.last > np.arange(len(pieces.person))))
+    length = max(round(building.length_s / step_s), 1)
     where = cell_and_bin(pieces, row, cell_m, step_s)
-    order = np.lexsort((np.random.default_rng(seed).random(len(row)), *where.T[::-1]))
+    order = np.lexsort((keys, *where.T[::-1]))
     row, where = row[order], where[order]
     new = np.ones(len(row), bool)
     new[1:] = (where[1:] != where[:-1]).any(axis=1)
     first = np.flatnonzero(new)
-    count = np.diff(np.append(first, len(row)))
-    rank = np.arange(len(row)) - np.repeat(first, count)
+    number = np.diff(np.append(first, len(row)))
+    count = number if weights is None or not len(row) else np.add.reduceat(weights[order], first)
+    rank = np.arange(len(row)) - np.repeat(first, number)
     kept = rank < most
-    stands_for = np.repeat(count / np.minimum(count, most), count)[kept]
+    stands_for = np.repeat(count / np.minimum(number, most), number)[kept]
     row, where = row[kept], where[kept]
     steps = np.minimum(pieces.last[row] - row, length + 1)
     ahead = np.minimum(np.arange(-past, length + 1), steps[:, None])

@@ -50,8 +50,16 @@ def build(tracks: Tracks, site: Site, building: StefBuilding | None = None) -> p
     times = ((days - days[0]) * DAY_S)[:, None] + (np.arange(per_day) + 0.5) * interval_s
     signals = _signals(cell.ravel(), orientation_bin(tracks.heading, orientations), interval,
                        len(cells), orientations, len(days) * per_day)  # fmt: skip
-    mean, amplitude, phase, period = fremen.analyse(times.ravel(), signals, building.order)
-    centre = np.repeat((cells + 0.5) * resolution_m, orientations, axis=0)
+    return table_of(cells, fremen.analyse(times.ravel(), signals, building.order), building)
+
+
+def table_of(
+    cells: np.ndarray, parts: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], building: StefBuilding
+) -> pa.Table:
+    """The table of cells (i, j) [n, 2] with the `parts` that FreMEn finds in the signals of each one's directions."""
+    mean, amplitude, phase, period = parts
+    orientations = building.orientations
+    centre = np.repeat((cells + 0.5) * building.resolution_m, orientations, axis=0)
     return pa.table(
         {
             "x": centre[:, 0],
@@ -62,7 +70,7 @@ def build(tracks: Tracks, site: Site, building: StefBuilding | None = None) -> p
             "phases": _lists(phase),
             "periods": _lists(period),
         }
-    ).replace_schema_metadata({"resolution": str(resolution_m), "orientations": str(orientations)})
+    ).replace_schema_metadata({"resolution": str(building.resolution_m), "orientations": str(orientations)})
 
 
 def build_hours(

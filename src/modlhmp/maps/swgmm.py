@@ -139,7 +139,7 @@ def _em(heading, speed, components, max_iterations, tolerance):
         for first in range(0, n, BLOCK):
             some = slice(first, min(first + BLOCK, n))
             log_likelihood += _responsibilities(heading[some], speed[some], terms, windings, share)
-            _add_statistics(heading[some], speed[some], terms, windings, share, statistics)
+            add_statistics(heading[some], speed[some], terms, windings, share, statistics)
         if iteration == max_iterations or log_likelihood - before <= tolerance * n:
             break  # the log-likelihood is that of the components as they stand
         before = log_likelihood
@@ -193,7 +193,7 @@ def _responsibilities(heading, speed, terms, windings, share):
 
 
 @kernel(fastmath={"reassoc"})
-def _add_statistics(heading, speed, terms, windings, share, statistics):
+def add_statistics(heading, speed, terms, windings, share, statistics):
     """Add a block's sums of r, r dt, r dr, r dt^2, r dt dr, r dr^2 about the present means, so that nothing cancels."""
     for j in range(len(terms)):
         for k in range(-windings[j], windings[j] + 1):

@@ -29,7 +29,8 @@ NEEDS_LONGER = Lack("its `horizon_s` is 30 or less", "needs a horizon over 30 s"
 NEEDS_NUMBER = Lack("it is not the paper's, or has under two test tracks", "needs test tracks and the paper's number")
 TOO_FEW = Lack("fewer than two test tracks are in a comparison", "too few tracks")
 NOBODY = Lack("nobody is forecast at a moment of the study", "nobody was there")
+ONE_HOUR = Lack("its training recordings have under two hours with 100 rows", "needs two hours of training data")
 ALL = (
     NO_CLOCK, ESTIMATED_CLOCK, NO_MAP, NO_CELL, NOT_HERE, NO_LOCATION, NO_TRACK, NOT_AS_LONG, NO_FORECASTS, NO_RANKS,
-    NO_PLAN, NEEDS_PLAN, NEEDS_LONGER, NEEDS_NUMBER, TOO_FEW, NOBODY,
+    NO_PLAN, NEEDS_PLAN, NEEDS_LONGER, NEEDS_NUMBER, TOO_FEW, NOBODY, ONE_HOUR,
 )  # fmt: skip

@@ -190,6 +190,20 @@ EXHIBITS: tuple[Exhibit, ...] = (
         lacks=(lacks.NO_CLOCK, lacks.NO_MAP),
     ),
     Exhibit(
+        name="prequential",
+        form="figure",
+        module=f"{MODULES}.prequential_hours",
+        title="maps that are updated",
+        category="Maps",
+        caption="Negative log density of the velocities of each hour's people under maps of what was known before it, "
+        "mixed with 5 % of no map: lower is better. Left: the training recordings, hour by hour. Middle and right: the "
+        "same rows made one-way streets, of which half of the place turns round at the dotted line: how fast each map "
+        "follows there, and what it forgets of the half that stays.",
+        needs=lambda plan, datasets: [file for dataset in datasets for file in plan.tracks(dataset.name, "train")],
+        lacks=(lacks.ONE_HOUR,),
+        minutes=30,
+    ),
+    Exhibit(
         name="rank",
         form="figure",
         module=f"{MODULES}.ranked_forecasts",

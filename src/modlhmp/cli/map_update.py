@@ -1,0 +1,105 @@
+"""`modlhmp map update`."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from modlhmp import api
+from modlhmp.arguments import site_from
+from modlhmp.cli.map import SetOption, TimezoneOption, _options, _say, _summary, maps
+from modlhmp.datasets import clean, load_dataset
+from modlhmp.settings import as_plain
+from modlhmp.site import Site
+from modlhmp.storage import DataError
+from modlhmp.tracks import Tracks, usual_step
+from modlhmp.updates import UpdatedMap
+
+
+@maps.command()
+def update(
+    state: Annotated[
+        Path, typer.Argument(metavar="STATE", help="What the map holds (.parquet); made where there is none.")
+    ],
+    tracks: Annotated[
+        list[Path] | None, typer.Argument(metavar="TRACKS", help="Clean tracks (.parquet) or dataset files (.yaml).")
+    ] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(metavar="KIND", help="Of a new map: tc_cliff, stef, episodes, snippets, exits [default: cliff]"),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="PATH", help="Where the map is written out.")] = None,
+    half_life: Annotated[
+        float | None, typer.Option(metavar="H", help="Let what was seen so many hours ago count half; inf: all.")
+    ] = None,
+    merge: Annotated[list[Path] | None, typer.Option(metavar="STATE", help="Add what another map holds.")] = None,
+    remove_day: Annotated[
+        list[str] | None, typer.Option(metavar="DATE", help="Take out a day of the place, before anything is added.")
+    ] = None,
+    options: SetOption = None,
+    data_root: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder of the recordings [default: MODLHMP_DATA, or data]")
+    ] = None,
+    timezone: TimezoneOption = "UTC",
+) -> None:
+    """Keep a map up to date: add tracks, merge maps, remove days, and write it out for forecasts.
+
+    \b
+    modlhmp map update hall.state.parquet monday.parquet --timezone Asia/Tokyo --out hall.parquet
+    modlhmp map update hall.state.parquet tuesday.parquet --half-life 12 --out hall.parquet
+    modlhmp map update hall.state.parquet --merge other-robot.state.parquet --remove-day 2012-10-24
+    modlhmp map update steps.state.parquet monday.parquet --kind episodes --out steps.parquet
+
+    Tracks may come in any order, in pieces of any size, and twice; a file's name, without its ending, names the
+    recording whose ids they have. What equals what is in docs/updated-maps.md.
+    """
+    if not (tracks or merge or remove_day or out or half_life is not None):
+        raise DataError(f"{state}: nothing to do: give tracks, --merge, --remove-day, --half-life or --out")
+    kept = UpdatedMap.load(state) if state.exists() else None
+    if kept and (kind not in (None, kept.kind) or options):
+        raise DataError(f"{state}: it is a map of kind {kept.kind} with options of its own; leave --kind and --set out")
+    walked = [one for file in tracks or [] for one in _recordings(file, data_root, kept.site if kept else timezone)]
+    if len({name for name, _, _ in walked}) < len(walked):
+        raise DataError("two recordings have the same name, by which their persons are known: rename a file")
+    site = walked[0][2] if walked else Site(timezone=timezone)
+    kept = kept or UpdatedMap(kind or "cliff", site, **_options(options))
+    for day in remove_day or []:
+        _say(f"{state}: {kept.remove(day=day)} rows of {day} removed")
+    for other in merge or []:
+        _say(f"{state}: {other} merged, {kept.merge(UpdatedMap.load(other))} rows of it were there")
+    _add(kept, walked, state)
+    if half_life is not None:
+        kept.forget(None if half_life == float("inf") else half_life)
+    kept.save(state)
+    if out is not None:
+        written = kept.written()
+        written.save(out)
+        _say(f"{out}: {_summary(written)}")
+
+
+def _add(kept: UpdatedMap, walked: list[tuple[str, Tracks, Site]], state: Path) -> None:
+    """Tell a map of recordings of its site."""
+    for name, rows, site in walked:
+        if (site.timezone, site.time_step_s) != (kept.site.timezone, kept.site.time_step_s):
+            raise DataError(
+                f"{name}: time zone {site.timezone}, time step {site.time_step_s:g} s: the map {state} has "
+                f"{kept.site.timezone} and {kept.site.time_step_s:g} s"
+            )
+        _say(f"{name}: {kept.add(rows, name)}")
+
+
+def _recordings(file: Path, data_root: Path | None, of: Site | str) -> list[tuple[str, Tracks, Site]]:
+    """(name, tracks, site) of a clean recording at a site, or in a time zone, or of a dataset's training recordings."""
+    if file.suffix == ".parquet":
+        rows = api.read_tracks(file)
+        step_s = round(usual_step(rows), 6)
+        site = of if isinstance(of, Site) else Site(timezone=of, time_step_s=1.0 if np.isnan(step_s) else step_s)
+        return [(file.stem, rows, site)]
+    if file.suffix not in {".yaml", ".yml"}:
+        raise DataError(f"{file}: describe it first: modlhmp inspect {file} > {file.stem}.yaml")
+    root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
+    dataset = load_dataset(file, root)
+    site = site_from(as_plain(dataset), str(file))
+    return [(one.name, clean(dataset, one), site) for one in dataset.of_split("train")]

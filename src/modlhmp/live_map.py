@@ -1,0 +1,103 @@
+"""A map that is kept up to date by the people whom `Live` sees: their rows, a time step apart, once an hour."""
+
+import logging
+import math
+from array import array
+from typing import NamedTuple
+
+import numpy as np
+
+from modlhmp.api import Map
+from modlhmp.ids import id_of
+from modlhmp.maps.updated.slots import Update
+from modlhmp.storage import DataError
+from modlhmp.tracks import Tracks, gap_limit
+from modlhmp.updates import UpdatedMap
+
+EVERY_S = 3600.0
+ROUNDING = 1e-6  # of a time step
+
+
+class _Last(NamedTuple):
+    """Somebody's last row, and the number and position of their last step on the grid; -1: none yet."""
+
+    t: float
+    x: float
+    y: float
+    step: int
+    x0: float
+    y0: float
+
+
+class Learner:
+    """Gives an `UpdatedMap` what is seen.
+
+    Rows come at any rate; the map is told of the positions at whole time steps since 1970, linear between rows that are
+    no gap apart, with velocities of the last step. Rows that come out of order are left to the forecasts. `recording`
+    names the stream: ids that two streams share are two persons.
+    """
+
+    def __init__(self, kept: UpdatedMap, recording: str = "live", every_s: float = EVERY_S) -> None:
+        self.kept, self.recording, self.every_s = kept, recording, every_s
+        self._step_s = kept.site.time_step_s
+        self._gap_s = gap_limit(self._step_s)
+        self._last: dict[str, _Last] = {}
+        self._ids, self._rows = array("q"), array("d")
+        self._since = math.inf
+
+    def see(self, t: float, who: int | str, x: float, y: float) -> None:
+        """Take a row: somebody was at (x, y) [m] at t [unix s]."""
+        text, step_s = str(who), self._step_s
+        self._since = min(self._since, t)
+        before = self._last.get(text)
+        if before is not None and before.t - self._gap_s < t <= before.t:
+            return
+        first = math.ceil(t / step_s - ROUNDING)
+        if before is None or not 0 < t - before.t <= self._gap_s:
+            before = _Last(t - step_s, x, y, -1, x, y)  # who comes stands there; only a step just now is one
+        else:
+            first = math.ceil(before.t / step_s + ROUNDING)
+        number, x0, y0 = before.step, before.x0, before.y0
+        for step in range(max(first, number + 1), math.floor(t / step_s + ROUNDING) + 1):
+            share = min(max((step * step_s - before.t) / (t - before.t), 0.0), 1.0)
+            at = before.x + share * (x - before.x), before.y + share * (y - before.y)
+            speed = heading = math.nan
+            if number == step - 1 and number >= 0:
+                moved = at[0] - x0, at[1] - y0
+                speed, heading = math.hypot(*moved) / step_s, math.atan2(moved[1], moved[0])
+            self._ids.append(id_of(text))
+            self._rows.extend((step * step_s, *at, speed, heading))
+            number, (x0, y0) = step, at
+        self._last[text] = _Last(t, x, y, number, x0, y0)
+
+    def due(self, now: float) -> bool:
+        """Whether the map is to be told: its time has come."""
+        return now // self.every_s > self._since // self.every_s
+
+    def learn(self, now: float) -> Update:
+        """Tell the map of all that was seen since the last time.
+
+        An hour without anybody, or one that the map refuses (its clock was set back, say), leaves it as it was.
+        """
+        rows = np.array(self._rows).reshape(-1, 5)
+        tracks = Tracks(np.array(self._ids, np.int64), *(np.ascontiguousarray(part) for part in rows.T))
+        self._ids, self._rows, self._since = array("q"), array("d"), now
+        self._last = {text: last for text, last in self._last.items() if now - last.t <= self._gap_s}
+        order = np.lexsort((tracks.t, tracks.track_id))
+        try:
+            return self.kept.add(tracks.take(order), self.recording)
+        except DataError as error:
+            logging.getLogger("modlhmp").warning("Live: %d rows are not learned: %s", len(order), error)
+            return Update(0, 0, len(order), 0, 0)
+
+
+def learned(kept: UpdatedMap) -> Map:
+    """The map as it is now; `DataError` where it holds nothing that a forecast could use."""
+    empty = DataError("Live: the map that is kept up to date is empty: add tracks first, as modlhmp map update does")
+    try:
+        written = kept.written()
+    except DataError:
+        raise empty from None
+    if not any(len(table) for table in (written.whole, *written.hours.values()) if table is not None):
+        raise empty
+    return written

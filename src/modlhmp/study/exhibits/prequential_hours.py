@@ -1,0 +1,54 @@
+"""Figure prequential: how maps that are updated foretell the next hour, and follow a reversal (not in the paper)."""
+
+from collections.abc import Sequence
+
+import pandas as pd
+from matplotlib.axes import Axes
+
+from modlhmp.datasets import Dataset
+from modlhmp.study import lacks, prequential
+from modlhmp.study.exhibits import style
+from modlhmp.study.layout import Layout
+from modlhmp.tracks import read_tracks, together
+
+PARTS = ("as recorded", "planted: the half that turns round", "planted: the other half")
+COLUMNS = ["dataset", "part", "number", "hour", "map", "nll", "covered", "n"]
+
+
+def draw(layout: Layout, datasets: Sequence[Dataset], stem: str) -> None:
+    """One row per dataset: the hours as they were, and both halves of the planted reversal; one line per map.
+
+    The last rows of the numbers, without an hour, are over all hours as recorded.
+    """
+    fig, axes = style.figure(len(datasets), len(PARTS), style.PAGE_MM, 46.0 * len(datasets))
+    tables = [_row(line, layout, dataset) for line, dataset in zip(axes, datasets, strict=True)]
+    names = [*prequential.MAPS, prequential.NO_MAP]
+    note = "Each hour is scored with what was known before it; dotted: the hour from which half of the place is turned."
+    style.legend_below(fig, [style.line_of(position) for position in range(len(names))], names, note, most=7)
+    style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset.demo for dataset in datasets))
+
+
+def _row(line: Sequence[Axes], layout: Layout, dataset: Dataset) -> pd.DataFrame:
+    """Draw one dataset's panels; returns their numbers."""
+    files = [layout.tracks(dataset.name, one.name) for one in dataset.of_split("train")]
+    tracks = together(map(read_tracks, files))
+    table, overall = prequential.scores(tracks, dataset)
+    if table.empty:
+        for panel in line:
+            style.empty_panel(panel, f"{dataset.title}: {lacks.ONE_HOUR.text}")
+        return pd.DataFrame(columns=COLUMNS)
+    people, half, turn = prequential.planted(tracks, dataset.timezone)
+    reversal, _ = prequential.scores(people, dataset, half)
+    shown = [table, *(reversal[reversal["part"] == part] for part in (1, 0))]
+    for panel, one, title in zip(line, shown, PARTS, strict=True):
+        for position, (_, curve) in enumerate(one.groupby("map", sort=False)):
+            panel.plot(curve["number"], curve["nll"], clip_on=False, **style.method_style(position))
+        every = max(len(table["number"].unique()) // 6, 1)
+        hours = table.drop_duplicates("number")[::every]
+        panel.set_xticks(hours["number"], hours["hour"])
+        panel.set_title(f"{dataset.title}: {title}" if title == PARTS[0] else title)
+        panel.set(xlabel="clock hour", ylabel="negative log density [nat]" if title == PARTS[0] else None)
+        if title != PARTS[0]:
+            panel.axvline(turn, color="0.4", linestyle=":", linewidth=0.8)
+    named = [one.assign(dataset=dataset.name, part=title) for one, title in zip(shown, PARTS, strict=True)]
+    return pd.concat([*named, overall.assign(dataset=dataset.name, part="all hours as recorded")], ignore_index=True)

@@ -1,0 +1,95 @@
+"""Maps scored hour by hour with what was known before: nothing of the future counts, and a reversal is followed."""
+
+import dataclasses
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib import image
+from walking_hall import HALL
+
+from modlhmp.contract import SITE, crowd
+from modlhmp.file_format import Recording
+from modlhmp.study import prequential
+from modlhmp.study.exhibits import prequential_hours
+from modlhmp.tracks import concatenate, write_tracks
+
+HOURS = 6
+DAY = dataclasses.replace(HALL, time_step_s=1.0, timezone=SITE.timezone, recordings=(Recording(name="day"),))
+
+
+def people(hours=HOURS):
+    """The same crowd in each hour, under ids of its own."""
+    walked = crowd(people=40)
+    walked = walked.take(walked.t < walked.t[0] + 3000)
+    moving = np.abs(walked.x) < 10
+    walked = walked.take(moving)
+    return concatenate(
+        walked._replace(t=walked.t + 3600.0 * hour, track_id=walked.track_id + 100 * hour) for hour in range(hours)
+    )
+
+
+PEOPLE = people()
+
+
+@pytest.fixture(scope="module")
+def reversal():
+    """Scores of the planted reversal, and the number of its hour."""
+    tracks, half, number = prequential.planted(PEOPLE, SITE.timezone)
+    return prequential.scores(tracks, SITE, half)[0], number
+
+
+def test_nothing_of_an_hour_or_after_it_counts():
+    table, _ = prequential.scores(PEOPLE, SITE)
+    hours = prequential.clock_numbers(PEOPLE.t, SITE.timezone)
+    known = hours <= np.unique(hours)[3]
+    before, _ = prequential.scores(PEOPLE.take(known), SITE)
+    assert before["number"].tolist() == table[table["number"] <= 3]["number"].tolist()
+    assert len(before) == 3 * (len(prequential.MAPS) + 1)
+    pd.testing.assert_frame_equal(before, table[table["number"] <= 3].reset_index(drop=True))
+
+
+def test_what_repeats_is_foretold_and_no_map_is_worse():
+    table, overall = prequential.scores(PEOPLE, SITE)
+    nll = overall.set_index("map")["nll"]
+    assert (nll[[*prequential.MAPS]] < nll[prequential.NO_MAP] - 1.0).all()
+    assert overall.set_index("map").loc[prequential.HISTORY, "worse"] == 0
+    assert (table[table["map"] == prequential.NO_MAP]["covered"] == 0).all()
+    assert (table[table["map"] != prequential.NO_MAP]["covered"] > 0.99).all()
+
+
+def test_half_of_one_way_streets_turns_round():
+    tracks, half, number = prequential.planted(PEOPLE, SITE.timezone)
+    hours = prequential.clock_numbers(tracks.t, SITE.timezone)
+    late = hours >= np.unique(hours)[number]
+    way = np.sign(np.cos(tracks.heading))
+    assert number == HOURS // 2 and 0.4 < half.mean() < 0.6
+    assert len(np.unique(way[~(half & late)])) == 1 and (way[half & late] == -way[~half][0]).all()
+
+
+def test_who_forgets_follows_sooner(reversal):
+    table, number = reversal
+    turned = table[(table["part"] == 1)].pivot(index="number", columns="map", values="nll")
+    shock, next_hour = turned.loc[number], turned.loc[number + 1]
+    assert (shock[[*prequential.MAPS]] > turned.loc[number - 1][[*prequential.MAPS]] + 1).all()
+    assert next_hour["half-life 1 h"] < next_hour[prequential.HISTORY] < next_hour[prequential.NEVER]
+    assert next_hour[prequential.LAST] < next_hour["half-life 12 h"]
+    stays = table[table["part"] == 0].pivot(index="number", columns="map", values="nll")
+    assert (stays.loc[number + 1] - stays.loc[number - 1]).abs().max() < 0.5
+
+
+def test_the_figure_shows_every_map(layout, figures):
+    write_tracks(PEOPLE, layout.tracks("hall", "day"))
+    prequential_hours.draw(layout, [DAY], layout.exhibit("f"))
+    assert image.imread(f"{layout.exhibit('f')}.png").std() > 0
+    table = pd.read_csv(f"{layout.exhibit('f')}.csv")
+    assert set(table["part"]) == {*prequential_hours.PARTS, "all hours as recorded"}
+    assert set(table["map"]) == {*prequential.MAPS, prequential.NO_MAP}
+    assert len(figures[-1].axes[0].lines) == len(prequential.MAPS) + 1
+
+
+def test_one_hour_is_too_few(layout, figures):
+    one_hour = PEOPLE.take(PEOPLE.t < (PEOPLE.t[0] // 3600 + 1) * 3600)
+    write_tracks(one_hour, layout.tracks("hall", "day"))
+    prequential_hours.draw(layout, [DAY], layout.exhibit("f"))
+    assert pd.read_csv(f"{layout.exhibit('f')}.csv").empty

@@ -1,0 +1,444 @@
+"""Maps that are updated: what equals what to the bit, what each is written out as, and what is refused."""
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import modlhmp
+from modlhmp.cli import app
+from modlhmp.contract import SITE, crowd
+from modlhmp.maps import cliff, swgmm
+from modlhmp.maps.updated import cells
+from modlhmp.maps.updated.counted import packed, unpacked
+from modlhmp.site import Site
+from modlhmp.storage import DataError, column
+from modlhmp.tracks import Tracks, concatenate
+from modlhmp.updates import STATES, UpdatedMap
+
+KINDS = list(STATES)
+COUNTS = ["cliff", "tc_cliff", "stef"]
+MONDAY = crowd(people=24)
+DAY_S = 86400.0
+
+
+def on_day(number, people=24):
+    """Other people's tracks, so many days after `MONDAY`."""
+    walked = crowd(people=people)
+    return walked._replace(t=walked.t + number * DAY_S, x=-walked.x, track_id=walked.track_id + 1000 * number)
+
+
+def made(kind, *batches, half_life_h=None, **building):
+    """A map that was told of batches, all of recording `hall`."""
+    found = UpdatedMap(kind, SITE, half_life_h, **building)
+    for batch in batches:
+        found.add(batch, "hall")
+    return found
+
+
+def assert_same(ours, theirs):
+    """Both hold, and are written out as, the same to the bit."""
+    assert ours._state.state().equals(theirs._state.state())
+    mine, its = ours.written(), theirs.written()
+    assert mine.hours.keys() == its.hours.keys()
+    pairs = [(mine.whole, its.whole), *((mine.hours[hour], its.hours[hour]) for hour in mine.hours)]
+    assert all(one.equals(other, check_metadata=True) for one, other in pairs)
+
+
+def in_pieces(tracks, number, seed=0):
+    """Pieces of five rows dealt out at random to so many batches: persons and hours are torn apart."""
+    of = np.random.default_rng(seed).integers(0, number, len(tracks.t) // 5 + 1).repeat(5)[: len(tracks.t)]
+    return [tracks.take(of == one) for one in range(number)]
+
+
+# --- what equals what -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("half_life_h", [None, 1.5])
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_batch_is_many_in_any_order(kind, half_life_h):
+    whole = concatenate([MONDAY, on_day(1)])
+    one = made(kind, whole, half_life_h=half_life_h)
+    cut = np.array_split(np.argsort(whole.t, kind="stable"), 7)
+    pieces = [whole.take(np.sort(rows)) for rows in cut]
+    for order in (range(7), [4, 0, 6, 2, 5, 1, 3]):
+        assert_same(made(kind, *(pieces[piece] for piece in order), half_life_h=half_life_h), one)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_reading_between_updates_changes_nothing(kind):
+    told = UpdatedMap(kind, SITE, 1.0)
+    for piece in (MONDAY, on_day(2), on_day(1)):
+        told.add(piece, "hall")
+        told.written()
+    told.forget(2.0)
+    told.written()
+    told.forget(1.0)
+    assert_same(told, made(kind, MONDAY, on_day(1), on_day(2), half_life_h=1.0))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_merged_maps_are_the_map_of_both(kind):
+    both = made(kind, MONDAY, on_day(1))
+    for first, second in itertools.permutations([MONDAY, on_day(1)]):
+        merged = made(kind, first)
+        merged.written()
+        assert merged.merge(made(kind, second)) == 0
+        assert_same(merged, both)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_added_can_be_removed(kind):
+    before, after = made(kind, MONDAY), made(kind, MONDAY)
+    after.add(on_day(1), "hall")
+    after.written()
+    used = after.remove(day=_day_of(on_day(1)))
+    assert used == (int((on_day(1).speed > 0).sum()) if kind in COUNTS else len(on_day(1).t))
+    assert_same(after, before)
+
+
+def _day_of(tracks):
+    return str(np.datetime64(int(tracks.t[0]), "s").astype("datetime64[D]"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_it_is_saved_and_goes_on(kind, tmp_path):
+    first = made(kind, MONDAY, half_life_h=3.0)
+    first.save(tmp_path / "state.parquet")
+    again = UpdatedMap.load(tmp_path / "state.parquet")
+    assert (again.kind, again.site, again.half_life_h) == (kind, SITE, 3.0)
+    assert_same(again, first)
+    again.add(on_day(1), "hall")
+    assert_same(again, made(kind, MONDAY, on_day(1), half_life_h=3.0))
+
+
+@pytest.mark.parametrize("kind", ["episodes", "snippets", "exits"])
+def test_a_person_is_taken_out_of_a_kept_map(kind):
+    without = made(kind, MONDAY.take(MONDAY.track_id != 5))
+    told = made(kind, MONDAY)
+    assert told.remove(person=5, recording="hall") == 20
+    assert_same(told, without)
+    with pytest.raises(DataError, match=r"person 5: the map has nobody of that number in recording 'hall'; .*'hall'"):
+        told.remove(person=5, recording="hall")
+
+
+# --- what it is written out as ----------------------------------------------------------------------------------------
+
+
+def test_stef_equals_what_is_built_at_once():
+    tracks = concatenate([MONDAY, on_day(1), on_day(3)])
+    built, ours = modlhmp.build_map("stef", tracks, SITE), made("stef", *in_pieces(tracks, 3)).written()
+    assert built.hours.keys() == ours.hours.keys() and built.whole.schema.equals(ours.whole.schema, check_metadata=True)
+    for one, other in ((built.whole, ours.whole), *((built.hours[hour], ours.hours[hour]) for hour in built.hours)):
+        for name in one.column_names:
+            np.testing.assert_allclose(column(other, name), column(one, name), rtol=0, atol=1e-9)
+
+
+def test_stef_needs_no_interval_that_divides_an_hour():
+    built = modlhmp.build_map("stef", MONDAY, SITE, interval_s=5000.0)
+    ours = made("stef", *in_pieces(MONDAY, 3), interval_s=5000.0).written()
+    np.testing.assert_allclose(column(ours.whole, "mean"), column(built.whole, "mean"), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["episodes", "exits"])
+def test_kept_maps_equal_what_is_built_at_once(kind):
+    built = modlhmp.build_map(kind, MONDAY, SITE).whole
+    assert made(kind, *in_pieces(MONDAY, 3)).written().whole.equals(built, check_metadata=True)
+
+
+def test_snippets_are_a_fair_choice_of_those_built_at_once():
+    """The same bins with the same numbers; with room for all, the same snippets."""
+    for most, compared in ((1000, None), (3, ("i", "j", "bin", "stands_for"))):
+        built = modlhmp.build_map("snippets", MONDAY, SITE, most=most, cell_m=4.0).whole
+        ours = made("snippets", *in_pieces(MONDAY, 3), most=most, cell_m=4.0).written().whole
+        rows = [sorted(map(str, table.select(compared or table.column_names).to_pylist())) for table in (built, ours)]
+        assert rows[0] == rows[1]
+
+
+def test_a_cliff_map_has_the_locations_and_counts_of_the_rows():
+    for building in ({}, {"resolution_m": 0.7, "radius_m": 1.3, "min_observations": 9}):
+        built = modlhmp.build_map("cliff", MONDAY, SITE, **building).whole
+        ours = made("cliff", *in_pieces(MONDAY, 3), **building).written().whole
+        assert ours.schema.equals(built.schema)
+        places = [set(zip(*(table[name].to_pylist() for name in ("x", "y", "count", "p")), strict=True))
+                  for table in (built, ours)]  # fmt: skip
+        assert places[0] == places[1]
+        assert column(ours, "count").dtype == np.int32
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_forecaster_reads_it(kind):
+    told = made(kind, MONDAY, on_day(1), half_life_h=10.0).written()
+    if kind == "exits":
+        told, exits = modlhmp.build_map("cliff", MONDAY, SITE), told
+        assert modlhmp.forecast(told, MONDAY.seen_by(MONDAY.t[10], 4), 3.0, exits=exits).forecast.xy.shape[2] == 3
+    else:
+        assert modlhmp.forecast(told, MONDAY.seen_by(MONDAY.t[10], 4), 3.0).forecast.xy.shape[2] == 3
+
+
+# --- histograms -------------------------------------------------------------------------------------------------------
+
+
+def test_codes_are_cells_and_bins():
+    i, j, bins = np.array([-5, 0, 5_400_000]), np.array([7, -1, -900_000]), np.array([0, 4095, 17])
+    assert all(np.array_equal(*pair) for pair in zip(unpacked(packed(i, j, bins)), (i, j, bins), strict=True))
+    with pytest.raises(DataError, match="are positions in m"):
+        packed(np.array([1 << 24]), np.array([0]), np.array([0]))
+
+
+def test_em_of_a_histogram_is_em_of_its_rows():
+    """Every row at the middle of its bin: where the EM of rows leads, in fewer steps."""
+    rng = np.random.default_rng(3)
+    heading, speed = rng.normal(0.4, 0.6, 3000), np.abs(rng.normal(1.4, 0.4, 3000))
+    bins, counts = np.unique(cells.bins_of(heading, speed), return_counts=True)
+    middle = (bins // cells.SPEEDS + 0.5) * cells.HEADING_STEP, (bins % cells.SPEEDS + 0.5) * cells.SPEED_STEP
+    start = np.array([[0.5, 0.0, 1.0, 0.3, 0.0, 0.1], [0.5, 1.0, 1.6, 0.3, 0.0, 0.1]])
+    ours = start.copy()
+    cells._em(*middle, counts.astype(float), ours)
+    rows = [np.repeat(part, counts) for part in middle]
+    theirs, log_likelihood = swgmm.fit(*rows, start)
+    assert swgmm.log_density(*rows, ours).sum() > log_likelihood - 3e-4 * len(rows[0])
+    np.testing.assert_allclose(ours, theirs, atol=0.05)
+    assert ours[:, 0].sum() == pytest.approx(1)
+
+
+@pytest.mark.parametrize("ways", [[0.3], [0.3, 0.3 + np.pi], [3.1, 1.4, -1.8]])
+def test_a_histogram_describes_new_people_as_their_rows_do(ways):
+    """Within 0.01 nat, over many draws of 900 rows."""
+    lost = []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        rows, new = (
+            (np.concatenate([rng.normal(way, 0.25, n) for way in ways]), rng.normal(1.3, 0.25, n * len(ways)))
+            for n in (900 // len(ways), 1000)
+        )
+        bins, counts = np.unique(cells.bins_of(*rows), return_counts=True)
+        _, found = cells.fit_cells(np.array([0, len(bins)]), bins, counts.astype(float))
+        exact = cliff.fit_location(*rows)
+        lost.append(swgmm.log_density(*new, exact).mean() - swgmm.log_density(*new, found).mean())
+    assert np.mean(lost) < 0.01
+
+
+def test_what_is_not_seen_keeps_its_shape():
+    """Of a location that nobody passes, only the weight of its evidence falls."""
+    west = MONDAY.take(MONDAY.x < -4)
+    told = made("cliff", MONDAY, half_life_h=2.0)
+    before = told.written().whole
+    told.add(on_day(1)._replace(x=-np.abs(on_day(1).x) - 4.0), "hall")
+    after = told.written().whole
+    at = {side: np.flatnonzero(column(table, "x") > 5) for side, table in (("before", before), ("after", after))}
+    assert len(at["before"]) and len(west.t)
+    for name in ("weight", "mean_heading", "var_speed", "count"):
+        assert np.array_equal(column(before, name)[at["before"]], column(after, name)[at["after"]])
+    assert (column(after, "p")[at["after"]] < 0.01 * column(before, "p")[at["before"]]).all()
+
+
+def test_what_is_new_counts_more():
+    """People turn round after a day: with a half-life of an hour nearly all go the new way, without one half do."""
+    turned = MONDAY._replace(
+        t=MONDAY.t + DAY_S, heading=MONDAY.heading - np.pi * np.sign(MONDAY.heading), track_id=MONDAY.track_id + 1000
+    )
+    one_way = np.abs(MONDAY.heading) < 1
+    old, new = MONDAY.take(one_way), turned.take(one_way)
+
+    def eastward(half_life_h):
+        table = made("cliff", old, new, half_life_h=half_life_h).written().whole
+        east = np.cos(column(table, "mean_heading")) > 0
+        return column(table, "weight")[east].sum() / column(table, "weight").sum()
+
+    assert eastward(None) == pytest.approx(0.5, abs=0.1)
+    assert eastward(1.0) < 0.4
+
+
+# --- bad input --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rows_that_come_again_count_once_and_are_told(kind, caplog):
+    told = made(kind, MONDAY)
+    again = told.add(concatenate([MONDAY, on_day(1)]).take(slice(100, 700)), "hall")
+    assert again.repeated > 300 and again.taken > 100
+    assert f"{again.repeated} repeated" in caplog.text
+    assert_same(told, made(kind, concatenate([MONDAY, on_day(1)]).take(slice(0, 700))))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rows_may_come_out_of_order_and_twice(kind, caplog):
+    told, order = UpdatedMap(kind, SITE), np.random.default_rng(0).permutation(len(MONDAY.t))
+    update = told.add(MONDAY.take(np.concatenate([order, order[:50]])), "hall")
+    assert update.repeated == 50 and update.out_of_order > 0
+    assert "out_of_order" in caplog.text
+    assert_same(told, made(kind, MONDAY))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_merged_maps_may_overlap(kind):
+    told = made(kind, MONDAY)
+    assert told.merge(made(kind, MONDAY, on_day(1))) > 0
+    assert_same(told, made(kind, MONDAY, on_day(1)))
+
+
+def test_counts_that_share_some_rows_cannot_be_merged():
+    some = MONDAY.take(MONDAY.track_id % 3 != 0)
+    told = made("cliff", some)
+    with pytest.raises(DataError, match=r"2011-\d\d-\d\d \d\d:00: the maps share \d+ of \d+ and \d+ rows, .*remove"):
+        told.merge(made("cliff", MONDAY.take(MONDAY.track_id % 3 != 1)))
+    assert_same(told, made("cliff", some))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_nobody_is_at_two_places(kind):
+    told, elsewhere = made(kind, MONDAY), MONDAY._replace(x=MONDAY.x + 0.5)
+    with pytest.raises(DataError, match=r"track \d+ .*at t 13\d{8}\.\d{3} is at \([-\d.]+, [-\d.]+\) m.*recording"):
+        told.add(elsewhere, "hall")
+    told.add(elsewhere, "another hall")  # other people
+    one = elsewhere.take(np.array([0, 1, 1]))
+    with pytest.raises(DataError, match=r"row 2: track 0 .* and in row 1 at .*: leave one out"):
+        told.add(one._replace(x=np.array([0.0, 1.0, 1.5])), "third")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_another_frame_or_step_is_refused(kind):
+    told = made(kind, MONDAY)
+    with pytest.raises(
+        DataError, match=r"row 0: \([\d.]+, [-\d.]+\) m: no row is within 5 m of the map.*another frame"
+    ):
+        told.add(on_day(1)._replace(x=on_day(1).x + 5000.0), "hall")
+    with pytest.raises(DataError, match=r"a row every 0.4 s, the site's time_step_s is 1"):
+        told.add(on_day(1)._replace(t=on_day(1).t[0] + 0.4 * (on_day(1).t - on_day(1).t[0])), "hall")
+    nowhere = on_day(1)._replace(y=np.where(np.arange(len(on_day(1).t)) == 7, np.nan, on_day(1).y))
+    with pytest.raises(DataError, match=r"row 7: track 1000 at t .* has a position that is not a number"):
+        told.add(nowhere, "hall")
+    assert_same(told, made(kind, MONDAY))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_hour_without_data_leaves_the_map_of_before(kind, caplog):
+    told = made(kind, MONDAY, half_life_h=1.0)
+    before = told.written()
+    update = told.add(MONDAY.take(slice(0, 0)), "hall")
+    assert update.changed == 0 and "the map is that of before" in caplog.text
+    assert told.written().whole.equals(before.whole)
+
+
+@pytest.mark.parametrize("wrong", [0, -1.0, float("nan"), float("inf"), True, "3"])
+def test_a_half_life_is_above_zero(wrong):
+    with pytest.raises(DataError, match=r"half_life_h .*: give hours above 0, such as 3; None forgets nothing"):
+        UpdatedMap("cliff", SITE, wrong)
+
+
+@pytest.mark.parametrize("kind", COUNTS)
+def test_counts_cannot_forget_a_person(kind):
+    with pytest.raises(DataError, match=f"person 5: a map of kind {kind} holds counts of rows, not whose"):
+        made(kind, MONDAY).remove(person=5, recording="hall")
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (lambda: UpdatedMap("cliff", SITE, resolution_m=0.5), "resolution_m 1.0 and 0.5: maps of other cells"),
+        (lambda: UpdatedMap("stef", SITE), "kind 'cliff' and 'stef'"),
+        (lambda: UpdatedMap("cliff", Site(timezone="UTC")), "time zone 'Europe/London' and 'UTC'"),
+        (lambda: UpdatedMap("cliff", Site(timezone="Europe/London", time_step_s=0.5)), r"time step \[s\] 1.0 and 0.5"),
+        (lambda: made("cliff", MONDAY).written(), "merge: Map: give an UpdatedMap"),
+    ],
+)
+def test_only_maps_of_the_same_cells_are_merged(other, message):
+    with pytest.raises(DataError, match=message):
+        made("cliff", MONDAY).merge(other())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_day_that_is_not_there_cannot_be_removed(kind):
+    told = made(kind, MONDAY)
+    with pytest.raises(DataError, match=f"day 2001-01-01: the map has {_day_of(MONDAY)}"):
+        told.remove(day="2001-01-01")
+    with pytest.raises(DataError, match="day 'yesterday': give an ISO date"):
+        told.remove(day="yesterday")
+    with pytest.raises(DataError, match="give a day, such as '2012-10-24', or a person's track id"):
+        told.remove()
+
+
+def test_what_needs_rows_is_refused():
+    with pytest.raises(DataError, match="intensity 'time' needs the rows, which are not held: use 'count'"):
+        UpdatedMap("cliff", SITE, intensity="time")
+    with pytest.raises(DataError, match="lstm"):
+        UpdatedMap("lstm", SITE)
+
+
+def test_only_a_state_is_loaded(tmp_path):
+    modlhmp.build_map("cliff", MONDAY, SITE).save(tmp_path / "built.parquet")
+    with pytest.raises(DataError, match=r"built.parquet: it holds no counts to be updated"):
+        UpdatedMap.load(tmp_path / "built.parquet")
+
+
+def test_tracks_that_are_none_are_refused():
+    with pytest.raises(DataError, match="tracks are list"):
+        UpdatedMap("cliff", SITE).add([1, 2, 3])
+    ragged = Tracks(*MONDAY[:2], MONDAY.x[:5], *MONDAY[3:])
+    with pytest.raises(DataError, match="column x has 5 rows"):
+        UpdatedMap("cliff", SITE).add(ragged)
+
+
+# --- live -------------------------------------------------------------------------------------------------------------
+
+
+def streamed(tracks, every_s=1.0):
+    """Rows (t, who, x, y) of tracks in the order of time, at another rate than theirs."""
+    rows = []
+    for first, end in itertools.pairwise(tracks.bounds()):
+        t = tracks.t[first] + np.arange(0, tracks.t[end - 1] - tracks.t[first] + 1e-6, every_s)
+        x, y = (np.interp(t, tracks.t[first:end], part[first:end]) for part in (tracks.x, tracks.y))
+        rows += zip(t, np.full(len(t), tracks.track_id[first]), x, y, strict=True)
+    return sorted(rows)
+
+
+@pytest.mark.parametrize("every_s", [1.0, 0.25])
+def test_live_keeps_its_map_up_to_date(every_s):
+    """At the full hour the map is that of before and of all rows of the hour, at whatever rate these came."""
+    kept = made("episodes", on_day(-1))
+    live = modlhmp.Live(kept, 3.0)
+    for t, who, x, y in streamed(MONDAY, every_s):
+        live.see(float(t), int(who), float(x), float(y))
+    live.pass_time(MONDAY.t.max() + 3600.0)
+    assert len(kept._state.rows.t) == len(on_day(-1).t)
+    live.forecast()
+    rows = kept._state.rows.take(kept._state.rows.t >= MONDAY.t.min())
+    assert len(rows.t) == len(MONDAY.t)
+    np.testing.assert_allclose(np.sort(rows.x), np.sort(MONDAY.x), atol=1e-6)
+    live.see(MONDAY.t.max() + 7300.0, "nobody else", 0.0, 0.0)
+    live.forecast()  # an hour without anybody
+    assert live._predictor.ask is not None
+
+
+def test_live_forecasts_with_what_it_has_learned():
+    kept = made("episodes", on_day(-1).take(on_day(-1).track_id == -1000))
+    live = modlhmp.Live(kept, 3.0)
+    before = live._predictor
+    for t, who, x, y in streamed(MONDAY):
+        live.see(float(t), int(who), float(x), float(y))
+        if who == 0:
+            live.forecast()
+    assert live._predictor is before
+    live.pass_time(MONDAY.t.max() + 3600.0)
+    live.forecast()
+    assert live._predictor is not before
+    with pytest.raises(DataError, match="kept up to date is empty: add tracks first"):
+        modlhmp.Live(UpdatedMap("cliff", SITE))
+
+
+def test_what_live_has_learned_is_kept(tmp_path):
+    """`modlhmp live --keep`: the state of before and all rows that were seen."""
+    made("episodes", on_day(-1)).save(tmp_path / "state.parquet")
+    rows = [{"t": float(t), "id": int(who), "x": float(x), "y": float(y)} for t, who, x, y in streamed(MONDAY)]
+    (tmp_path / "rows.jsonl").write_text("\n".join(map(json.dumps, rows[:300])), encoding="utf-8")
+    command = ["live", str(tmp_path / "rows.jsonl"), "--horizon", "2", "--keep", str(tmp_path / "after.parquet")]
+    done = CliRunner().invoke(app, [*command, "--map", str(tmp_path / "state.parquet")])
+    assert done.exit_code == 0, done.output
+    held = UpdatedMap.load(tmp_path / "after.parquet")._state
+    assert held.names == ["hall", "live"] and (held.rows.recording == 1).sum() == 300
+    modlhmp.build_map("episodes", MONDAY, SITE).save(tmp_path / "finished.parquet")
+    done = CliRunner().invoke(app, [*command, "--map", str(tmp_path / "finished.parquet")])
+    assert "is a finished map: give the state that" in str(done.exception)
