@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.maps.base import lattice_box, read_map
-from modlhmp.maps.pieces import HEADINGS, Metric, cell_and_bin, features, resample
+from modlhmp.maps.pieces import HEADINGS, Metric, Pieces, cell_and_bin, features, resample
 from modlhmp.options import SnippetBuilding, Snippets
 from modlhmp.site import Site
 from modlhmp.storage import column
@@ -28,9 +28,13 @@ def build(tracks: Tracks, site: Site, building: SnippetBuilding | None = None, s
     where the person left. `steps` says how many were walked, up to one more than the length: whoever walked no more
     than the length has left by then. A bin keeps at most `most` snippets, of which each stands for `stands_for`.
     """
-    building = building or SnippetBuilding()
+    return of_pieces(resample(tracks, site.time_step_s), site, building or SnippetBuilding(), seed)
+
+
+def of_pieces(pieces: Pieces, site: Site, building: SnippetBuilding, seed: int = 0) -> pa.Table:
+    """What `build` says, of the `Pieces` of tracks at the time step."""
     step_s, cell_m, most, past = site.time_step_s, building.cell_m, building.most, site.observed_rows - 1
-    pieces, length = resample(tracks, step_s), max(round(building.length_s / step_s), 1)
+    length = max(round(building.length_s / step_s), 1)
     row = np.flatnonzero((pieces.age >= past) & (pieces.last > np.arange(len(pieces.person))))
     where = cell_and_bin(pieces, row, cell_m, step_s)
     order = np.lexsort((np.random.default_rng(seed).random(len(row)), *where.T[::-1]))
