@@ -163,7 +163,7 @@ class Map:
 
 
 def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: Any) -> Map:
-    """Build a kind of map from tracks: `cliff`, `tc_cliff`, `stef`, `episodes`, `snippets`, or one of another package.
+    """Build a kind of map from tracks: `cliff`, `stef`, `episodes`, `snippets`, `pooled` ..., or of another package.
 
     `site` gives the time zone and the time step (default: UTC, 1 s); `building` are the kind's own options, such as
     `resolution_m=0.5` (`modlhmp kinds NAME` lists them). `DataError` for a wrong kind or option, or tracks whose rows

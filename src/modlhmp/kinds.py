@@ -132,6 +132,11 @@ BUILT_IN = (
         section="snippets",
     ),
     Kind(
+        name="pooled", title="Episodes and snippets", options=options.Pooled, module="modlhmp.maps.pooled",
+        forecasts="modlhmp.forecasting.pool", building=options.NoBuilding, one_path=True, from_share=True,
+        section="pooled",
+    ),
+    Kind(
         name="exits", title="Ways out", options=options.NoBuilding, module="modlhmp.maps.exits",
         building=options.ExitBuilding, from_share=True,
     ),

@@ -289,7 +289,7 @@ def _defaults(by: Any, site: Any) -> dict[str, str]:
     """The options whose default is another one here: everyone is asked who is there, and positions alone are known."""
     kind, site = (by.kind, by.site) if isinstance(by, Map) else (by, site)
     names = {option for option, *_ in fields_of(find(kind).options)} if isinstance(kind, str) else set()
-    found = {"samples": "pieces"} if kind == "episodes" else {}
+    found = {"samples": "pieces"} if kind in {"episodes", "pooled"} else {}
     if "velocity" in names and getattr(site, "velocity", "") == "as_recorded":
         logging.getLogger("modlhmp").warning(
             "Live: the site has recorded velocities, but a stream has positions alone: velocity is `differences`"

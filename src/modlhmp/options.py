@@ -185,6 +185,13 @@ class Snippets(Alike):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Pooled(Snippets, Episodes):
+    """Of forecasts with the walks of an episode map and snippets of the same walks together."""
+
+    k: WholeFrom1 = option(100, "replays per track, and as many particles")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Average:
     """Of a method that is the mean path of others."""
 

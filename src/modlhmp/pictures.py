@@ -57,7 +57,7 @@ def draw_map(
     of each cell, of a map that stores walks some of them. `DataError` without matplotlib, or for what is not drawn.
     """
     figure, ax = new_figure(path, title)
-    if kind in {"episodes", "snippets"}:
+    if kind in {"episodes", "pooled", "snippets"}:
         xy = _walks(ax, kind, table)
     else:
         x, y, heading, length, alpha = _arrows_of(kind, table)
@@ -136,7 +136,7 @@ def _arrows_of(kind: str, table: pa.Table) -> tuple[np.ndarray, ...]:
         )
         return x, y, heading, speed, 0.15 + 0.85 * weight
     if "probabilities" not in names:
-        raise DataError(f"a map of kind {kind} is not drawn; cliff, tc_cliff, stef, episodes and snippets are")
+        raise DataError(f"a map of kind {kind} is not drawn; cliff, tc_cliff, stef, episodes, pooled and snippets are")
     found = column(table, "probabilities").reshape(table.num_rows, -1)
     found, x, y = (part[found.any(axis=1)] for part in (found, column(table, "x"), column(table, "y")))
     heading = found.argmax(axis=1) * 2 * np.pi / found.shape[1]
@@ -149,7 +149,7 @@ def _walks(ax: "Axes", kind: str, table: pa.Table) -> np.ndarray:
     from matplotlib.collections import LineCollection  # noqa: PLC0415
 
     start = np.column_stack([column(table, name).astype(float) for name in ("x", "y")])
-    if kind == "episodes":
+    if "person" in table.column_names:
         person = column(table, "person")
         lines = np.split(start, np.flatnonzero(np.diff(person)) + 1)
     else:

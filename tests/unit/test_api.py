@@ -14,16 +14,16 @@ from modlhmp import DataError, Site
 from modlhmp.contract import SITE, crowd
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.methods import make_forecaster
-from modlhmp.options import Episodes, RollOut, Snippets
+from modlhmp.options import Episodes, Pooled, RollOut, Snippets
 from modlhmp.scoring.recording import score_recording
 from modlhmp.site import IdleFilter, PaperProtocol
 from modlhmp.storage import write_parquet
 from modlhmp.tracks import usable_tracks, write_tracks
 
 PEOPLE = crowd()
-MAPS = ("cliff", "tc_cliff", "stef", "episodes", "snippets")
+MAPS = ("cliff", "tc_cliff", "stef", "episodes", "snippets", "pooled")
 FEW = {"episodes": {"persons": 3}}
-OPTIONS = {"episodes": Episodes(), "snippets": Snippets(k=20)}
+OPTIONS = {"episodes": Episodes(), "snippets": Snippets(k=20), "pooled": Pooled(k=20)}
 
 
 def seen(tracks, rows=4):
@@ -278,7 +278,7 @@ def usual_and(maps, kind, output):
     return [modlhmp.forecast(maps[kind], seen(PEOPLE), **few, **one) for one in ({}, {"output": output})]
 
 
-@pytest.mark.parametrize("kind", ["episodes", "snippets", "cliff"])
+@pytest.mark.parametrize("kind", ["episodes", "snippets", "pooled", "cliff"])
 def test_a_medoid_is_one_of_the_samples(maps, kind):
     """The samples are those of the default output; the best is one of them, and ranks first."""
     median, futures = usual_and(maps, kind, "medoid")
@@ -289,7 +289,7 @@ def test_a_medoid_is_one_of_the_samples(maps, kind):
     assert modlhmp.score(futures, PEOPLE).output == "medoid"
 
 
-@pytest.mark.parametrize("kind", ["episodes", "snippets", "cliff"])
+@pytest.mark.parametrize("kind", ["episodes", "snippets", "pooled", "cliff"])
 def test_modes_come_with_probabilities_whatever_the_output(maps, kind):
     usual, futures = usual_and(maps, kind, "modes")
     np.testing.assert_array_equal(futures.paths, usual.paths)

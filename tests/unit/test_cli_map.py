@@ -20,7 +20,7 @@ from modlhmp.tracks import write_tracks
 def folder(tmp_path_factory):
     """Maps of every kind, and the tracks that they are of."""
     folder = tmp_path_factory.mktemp("maps")
-    for kind in ("cliff", "tc_cliff", "stef", "episodes", "snippets", "exits"):
+    for kind in ("cliff", "tc_cliff", "stef", "episodes", "snippets", "pooled", "exits"):
         a_map = modlhmp.build_map(kind, crowd(), SITE)
         a_map.save(folder / (f"{kind}.parquet" if a_map.whole is not None and not a_map.hours else kind))
     modlhmp.load_map(folder / "cliff.parquet").save(folder / "cliff.csv", form="matlab")
@@ -141,7 +141,7 @@ def test_info_of_a_stream_and_of_what_is_no_map(folder, monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    "name", ["cliff.parquet", "cliff.csv", "tc_cliff", "stef", "episodes.parquet", "snippets.parquet"]
+    "name", ["cliff.parquet", "cliff.csv", "tc_cliff", "stef", "episodes.parquet", "snippets.parquet", "pooled.parquet"]
 )
 def test_plot(folder, tmp_path, name):
     from PIL import Image  # noqa: PLC0415

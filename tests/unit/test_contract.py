@@ -50,13 +50,13 @@ def test_built_in_kinds_keep_it(kind, monkeypatch):
 
 
 @pytest.mark.parametrize("output", ["medoid", "modes"])
-@pytest.mark.parametrize("name", ["cliff", "episodes", "snippets"])
+@pytest.mark.parametrize("name", ["cliff", "episodes", "snippets", "pooled"])
 def test_every_output_keeps_it(name, output):
     check_kind(kinds.find(name), output=output)
 
 
 @pytest.mark.parametrize("observed_rows", [2, 8])
-@pytest.mark.parametrize("name", ["cvm", "cliff", "episodes", "snippets"])
+@pytest.mark.parametrize("name", ["cvm", "cliff", "episodes", "snippets", "pooled"])
 def test_it_is_kept_whatever_the_number_of_observed_rows(name, observed_rows):
     """Two rows give one velocity, eight seven: more than there are weights."""
     check_kind(kinds.find(name), site=dataclasses.replace(contract.SITE, observed_rows=observed_rows))

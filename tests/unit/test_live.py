@@ -31,6 +31,7 @@ METHODS = {
     "stef": {"k": 3},
     "episodes": {"persons": 3},
     "snippets": {"k": 7},
+    "pooled": {"k": 7},
     "cvm": {"site": SITE},
 }
 
@@ -110,6 +111,7 @@ def test_rows_of_any_rate_lie_on_the_grid_that_ends_at_t0(maps, kind):
 def test_defaults_suit_a_stream_of_positions(maps, caplog):
     """Said in `options`, and a recorded velocity that nobody has is no reason to stop."""
     assert Live(maps["episodes"]).options["samples"] == "pieces"
+    assert Live(maps["pooled"]).options["samples"] == "pieces"
     assert Live(maps["episodes"], samples="persons").options["samples"] == "persons"
     recorded = dataclasses.replace(SITE, velocity="as_recorded")
     a_map = modlhmp.Map("cliff", recorded, maps["cliff"].whole, {})

@@ -47,7 +47,7 @@ TimezoneOption = Annotated[str, typer.Option(metavar="NAME", help="Time zone of 
 
 @maps.command()
 def build(
-    kind: Annotated[str, typer.Argument(metavar="KIND", help="cliff, tc_cliff, stef, episodes, snippets, exits ...")],
+    kind: Annotated[str, typer.Argument(metavar="KIND", help="cliff, tc_cliff, stef, episodes, snippets, pooled ...")],
     tracks: Annotated[
         Path, typer.Argument(metavar="TRACKS", help="A dataset file (.yaml) or clean tracks (.parquet).")
     ],

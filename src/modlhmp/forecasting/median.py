@@ -77,6 +77,29 @@ def geometric_median(x, y, count):
 
 
 @kernel(error_model="numpy", fastmath={"reassoc"})
+def weighted_geometric_median(x, y, share, count):
+    """Geometric median (x, y) of the first `count` of the points `x`, `y` [..], which count by their `share`."""
+    sx = sy = total = 0.0
+    for i in range(count):  # the first guess is their mean
+        sx += share[i] * x[i]
+        sy += share[i] * y[i]
+        total += share[i]
+    mx, my = sx / total, sy / total
+    for _ in range(MOST_ITERATIONS):
+        sx = sy = total = 0.0
+        for i in range(count):
+            weight = share[i] / (np.sqrt((x[i] - mx) ** 2 + (y[i] - my) ** 2) + SOFTENING_M)
+            sx += weight * x[i]
+            sy += weight * y[i]
+            total += weight
+        moved = abs(sx / total - mx) + abs(sy / total - my)
+        mx, my = sx / total, sy / total
+        if moved < TOLERANCE_M:
+            break
+    return mx, my
+
+
+@kernel(error_model="numpy", fastmath={"reassoc"})
 def _weighted_mean(x, y, count, mx, my):
     """Mean of the points, each weighted by the inverse of its distance from (`mx`, `my`)."""
     # Freed from the order of the sums and from checks for zero, the compiler takes several points at a time.

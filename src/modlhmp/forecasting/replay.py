@@ -50,6 +50,25 @@ def replay(
 
     The median at a second is of the `k` nearest persons who are still under way then. The replays are of the nearest
     persons at t0, or, `of_pieces`, of the nearest pieces, whosoever they are; in turn again where there are fewer.
+    See `followed` for the rest.
+    """
+    samples = SAMPLES_A_PERSON * k
+    return followed(mod, observed, steps, step_s, k, samples, pace, reach_m, exclude_s, of_pieces)[0]
+
+
+def followed(
+    mod: EpisodeMap,
+    observed: Observed,
+    steps: int,
+    step_s: float,
+    k: int,
+    samples: int,
+    pace: float,
+    reach_m: float,
+    exclude_s: float = 0.0,
+    of_pieces: bool = False,
+) -> tuple[Forecast, np.ndarray]:
+    """What `replay` says, with so many `samples`, and how many of these are different replays [n].
 
     Persons who are more than `reach_m` (in the map's metric) unlike the walker are not followed; whoever has nobody to
     follow walks on at constant velocity and counts as not alive from the start. `pace` = 1 replays at the walker's own
@@ -65,17 +84,21 @@ def replay(
     usable = distance <= reach_m
     if exclude_s:
         usable &= np.abs(mod.t[rows] - observed.t[:, -1:]) > exclude_s
-    xy = np.repeat(straight.xy, 1 + SAMPLES_A_PERSON * k, axis=1)
-    alive = np.zeros(xy.shape[:2], np.int32)
-    _replay(rows, usable, mod.person, mod.last, mod.xy, mod.speed, here, speed, pace, k, of_pieces, xy, alive)
-    return Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median")
+    xy = np.repeat(straight.xy, 1 + samples, axis=1)
+    alive, different = np.zeros(xy.shape[:2], np.int32), np.zeros(len(xy), np.int64)
+    walks = mod.person, mod.last, mod.xy, mod.speed
+    _replay(rows, usable, *walks, here, speed, pace, k, of_pieces, xy, alive, different)
+    return Forecast(xy, np.zeros(xy.shape[:3], np.float32), alive, "median"), np.minimum(different, samples)
 
 
 @kernel
-def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, of_pieces, xy, alive):
-    """Fill `xy` [n, 1 + samples, T, 2] and `alive` [n, 1 + samples] of the walkers who have somebody to follow."""
+def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, of_pieces, xy, alive, different):
+    """Fill `xy` [n, 1 + samples, T, 2] and `alive` [n, 1 + samples] of the walkers who have somebody to follow.
+
+    And `different` [n]: how many replays there are before they come again.
+    """
     n, samples, steps = len(rows), xy.shape[1] - 1, xy.shape[2]
-    followed, factor = np.empty(rows.shape[1], np.int64), np.empty(rows.shape[1])
+    persons, factor = np.empty(rows.shape[1], np.int64), np.empty(rows.shape[1])
     sampled, whose = np.empty(rows.shape[1], np.int64), np.empty(rows.shape[1], np.int64)
     x, y, point = np.empty(k), np.empty(k), np.empty(2)
     for i in range(n):
@@ -90,13 +113,14 @@ def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, 
                     new = False
                     break
             if new:
-                followed[number], whose[number] = row, person[row]
+                persons[number], whose[number] = row, person[row]
                 factor[number] = paced(speed[i], path_speed[row], pace)
                 number += 1
         if not number:
             continue
         if not of_pieces:
-            sampled[:number], total = followed[:number], number
+            sampled[:number], total = persons[:number], number
+        different[i] = total
         for j in range(samples):
             row = sampled[j % total]
             rate = paced(speed[i], path_speed[row], pace)
@@ -109,7 +133,7 @@ def _replay(rows, usable, person, last, path, path_speed, here, speed, pace, k, 
         for step in range(steps):
             count = 0
             for j in range(number):
-                row = followed[j]
+                row = persons[j]
                 if _at(path, row, last[row], (step + 1) * factor[j], here[i], point):
                     x[count], y[count] = point
                     count += 1

@@ -28,9 +28,13 @@ def build(tracks: Tracks, site: Site, building: SnippetBuilding | None = None, s
     where the person left. `steps` says how many were walked, up to one more than the length: whoever walked no more
     than the length has left by then. A bin keeps at most `most` snippets, of which each stands for `stands_for`.
     """
-    pieces = resample(tracks, site.time_step_s)
+    return of_pieces(resample(tracks, site.time_step_s), site, building or SnippetBuilding(), seed)
+
+
+def of_pieces(pieces: Pieces, site: Site, building: SnippetBuilding, seed: int = 0) -> pa.Table:
+    """What `build` says, of the `Pieces` of tracks at the time step."""
     row = whole(pieces, site)
-    return table_of(pieces, row, np.random.default_rng(seed).random(len(row)), site, building or SnippetBuilding())
+    return table_of(pieces, row, np.random.default_rng(seed).random(len(row)), site, building)
 
 
 def whole(pieces: Pieces, site: Site) -> np.ndarray:

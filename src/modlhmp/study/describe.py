@@ -53,7 +53,7 @@ _LEARNING = "A method may also choose its own " + ", ".join(
     f"`{field.name}`" for field in dataclasses.fields(options.Learning)
 )
 SECTIONS = {
-    "rollout": options.RollOut, "episodes": options.Episodes, "snippets": options.Snippets,
+    "rollout": options.RollOut, "episodes": options.Episodes, "snippets": options.Snippets, "pooled": options.Pooled,
     "learned": settings.Networks, "ladder": settings.Ladder, "studies": settings.Studies,
     "studies.training": settings.TrainingShares, "uncertainty": settings.Uncertainty,
     "likelihood": settings.Likelihood, "demo": settings.Demo,

@@ -175,6 +175,7 @@ class RunSettings:
     )
     episodes: options.Episodes = option(options.Episodes(), "for forecasts with an episode map; likewise")
     snippets: options.Snippets = option(options.Snippets(), "for forecasts with a snippet flow map; likewise")
+    pooled: options.Pooled = option(options.Pooled(), "for forecasts with whole walks and snippets of them; likewise")
     learned: Networks = option(Networks(), "for every network; likewise")
     budgets: dict[str, dict[str, dict[str, Any]]] = option(
         {}, "`config/budgets.yaml`: windows and sizes of each kind of network, by the name of the budget"
