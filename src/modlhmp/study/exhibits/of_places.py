@@ -7,6 +7,7 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
+from modlhmp.study.explorer.look import assets_version
 from modlhmp.study.plan import Plan
 
 FORECAST_MB = 1500  # memory of exhibits that read forecasts
@@ -99,6 +100,40 @@ def _filmed(plan: Plan) -> str:
 
 def _occupied_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     return {"titles": plan.run.titles(plan.run.studies.occupied.methods), "horizons": plan.horizons}
+
+
+def _one_by_one(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    """Names of the datasets whose people the explorer shows: made-up ones, or as the run's owner says."""
+    said = plan.run.explorer.tracks
+    return [dataset.name for dataset in datasets if (dataset.demo if said is None else said)]
+
+
+def _explored_maps(plan: Plan) -> list[str]:
+    return [kind for kind in ("cliff", "tc_cliff", "stef") if kind in plan.compared_kinds]
+
+
+def _explored(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    files, shown = [plan.layout.scores, *_floor_plans(datasets)], _one_by_one(plan, datasets)
+    for dataset in datasets:
+        files += [plan.layout.map(dataset.name, kind) for kind in _explored_maps(plan)]
+        files += plan.tracks(dataset.name, "train")
+        if dataset.name in shown:
+            files += plan.tracks(dataset.name, "test")
+            files += [plan.layout.forecasts(dataset.name, method) for method in plan.titles]
+    return files
+
+
+def _explorer_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {
+        "methods": plan.titles,
+        "maps": _explored_maps(plan),
+        "tracks": _one_by_one(plan, datasets),
+        "recordings": {
+            dataset.name: {split: [one.name for one in dataset.of_split(split)] for split in ("train", "test")}
+            for dataset in datasets
+        },
+        "look": assets_version(),
+    }
 
 
 def _runtimes(plan: Plan, datasets: list[Dataset]) -> list[str]:
@@ -314,6 +349,19 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "how many cells were foretold and occupied, and in how many bins they were calibrated.",
         asks=lambda plan, datasets: {**_occupied_asks(plan, datasets), "every_s": plan.run.studies.occupied.every_s},
         **_occupied("scores", "bins"),
+    ),
+    Exhibit(
+        name="explorer",
+        form="page",
+        module="modlhmp.study.explorer.page",
+        title="explorer",
+        category="Explorer",
+        caption="Maps by hour, flow and exits on the floor plan, each location's mixture and counts, and error against "
+        "horizon, to look at in a browser. Where people are made up, or the run's owner says so, any of them can be "
+        "followed second by second with what each method forecast; else the page has aggregates alone.",
+        needs=_explored,
+        asks=_explorer_asks,
+        memory_mb=FORECAST_MB,
     ),
     Exhibit(
         name="runtime",
