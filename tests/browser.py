@@ -16,7 +16,7 @@ OPTIONS = (
     *("--disable-extensions", "--disable-background-networking", "--hide-scrollbars"),
     *("--remote-debugging-port=0", "--remote-allow-origins=*"),
 )
-PATIENCE_S = 300  # a busy machine is no fault
+PATIENCE_S = 120  # a busy machine is no fault
 _KEYS = {" ": "Space", "ArrowLeft": "ArrowLeft", "ArrowRight": "ArrowRight", "ArrowUp": "ArrowUp", "Escape": "Escape"}
 _CODES = {
     " ": 32,

@@ -18,7 +18,9 @@ function listen() {
     ask("base", "over");
   });
   on("file", "change", () => {
-    if (by("file").files[0]) drop(by("file").files[0]);
+    const [file] = by("file").files;
+    by("file").value = ""; // so that the same name can be chosen again
+    if (file) drop(file);
   });
   on("search", "input", () => {
     state.found = fillList(by("list"), shownSet().people, shownSet(), by("search").value, state.person);

@@ -104,7 +104,7 @@ function drawStarts(context, view, people, found) {
 
 function startNear(people, view, found, px, py) {
   let best = -1,
-    least = 14;
+    least = 10;
   for (const i of found) {
     const [x, y] = startOf(people, i),
       away = Math.hypot(view.px(x) - px, view.py(y) - py);
