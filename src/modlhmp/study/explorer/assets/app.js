@@ -3,8 +3,7 @@ const HINTS = {
   cliff: "A dart is a component: as long as people walk in a second, coloured by heading, stronger the more it weighs.",
   stef: "Darts are the directions of a cell: longer and stronger the likelier. The map has no speed.",
   flow: "Cells are stronger the more people came; a dart is their mean velocity, as long as a second's walk.",
-  exits:
-    "Discs are larger the more people left the scene there, stronger the likelier it was to leave within a time step.",
+  exits: "Discs are larger the more people were last seen there, stronger the likelier that was within a time step.",
 };
 
 function setLayer(layer) {
@@ -31,7 +30,7 @@ function setPlace(place, pinned) {
 }
 function setPerson(person) {
   state.person = person;
-  by("chosen").hidden = person === null;
+  by("chosen").hidden = by("seconds").hidden = person === null;
   ask("base");
   if (person === null) {
     if (state.playing === "walk") play(null);
@@ -52,7 +51,7 @@ function play(what) {
     ["walk", "walk", "Walk"],
   ]) {
     by(id).setAttribute("aria-pressed", what === name);
-    by(id).textContent = what === name ? "⏸ Pause" : `▶ ${text}`;
+    by(id).textContent = what === name ? "❚❚ Pause" : `▶ ${text}`;
   }
   ask("over");
 }
@@ -67,6 +66,7 @@ function setTheme() {
 }
 
 function paint() {
+  document.documentElement.toggleAttribute("data-grey", state.grey);
   colours = hueColours(sets[0].colours, state.grey);
   paintLegend(by("legend"), shownSet().methods, methodColour);
   ask("base", "over", "cards");
@@ -105,7 +105,7 @@ function setOne(number) {
   by("source").textContent =
     `Run ${run}, ${set.title}${set.estimated ? " (clock estimated)" : ""}. ${set.citation}. Terms: ${set.terms}.`;
   by("somebody").hidden = !some;
-  by("chosen").hidden = true;
+  by("chosen").hidden = by("seconds").hidden = true;
   by("nobody").textContent = some
     ? set.people.of > set.people.names.length
       ? `${set.people.names.length} of ${set.people.of} people, taken evenly.`
@@ -118,6 +118,11 @@ function setOne(number) {
     state.found = fillList(by("list"), set.people, set, "", null);
     const named = set.methods.filter((one) => one.name in set.people.methods);
     by("method").replaceChildren(...named.map((one) => option(one.name, one.title)));
+  }
+  if (!state.compare) {
+    Object.assign(state, { other: number, otherPeriod: set.periods.length - 1 });
+    by("other").value = number;
+    setPanelHours();
   }
   fillLegend(by("legend"), set.methods, methodColour, () => ask("over", "cards"));
   shape();

@@ -144,7 +144,12 @@ function drawFloor(context, view, set, images) {
       image.height * plan.size * view.scale,
     );
     context.restore();
-  } else if (set.flow[0]) squares(context, view, set.flow[0], set.cell, (context.fillStyle = css("--seen")));
+  } else if (set.flow[0]) {
+    context.fillStyle = css("--free");
+    context.fillRect(0, 0, view.width, view.height);
+    context.fillStyle = css("--seen");
+    squares(context, view, set.flow[0], set.cell);
+  }
 }
 
 function squares(context, view, cells, size) {

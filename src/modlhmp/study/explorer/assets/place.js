@@ -221,7 +221,7 @@ function showPlace(set, layer, period, place, colours) {
   ];
   if (in_ >= 0)
     rows.push(
-      ["left the scene there", Number.isNaN(cell.left[in_]) ? least : whole(cell.left[in_])],
+      ["last seen there", Number.isNaN(cell.left[in_]) ? least : whole(cell.left[in_])],
       [
         "mean velocity",
         `${Math.hypot(cell.vx[in_], cell.vy[in_]).toFixed(2)} m/s ${arrowOf(Math.atan2(cell.vy[in_], cell.vx[in_]), set.flip)}`,

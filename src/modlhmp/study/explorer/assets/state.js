@@ -38,8 +38,11 @@ const viewOf = (panel = 0) => {
   return panel && mine.set.name === first.set.name ? first.view : mine.view;
 };
 const steps = (set) => Math.round(set.horizon / set.step);
-// In grey all methods are of one colour, told apart by their dashes; black ones are light in the dark.
-const methodColour = (method) => (state.grey || (method.colour === "#000000" && dark()) ? css("--ink") : method.colour);
+// In grey all methods are of one colour, told apart by their dashes; in the dark they are lighter, black ones most.
+const methodColour = (method) => {
+  if (state.grey || (method.colour === "#000000" && dark())) return css("--ink");
+  return dark() ? `rgb(${rgb(method.colour).map((one) => Math.round(0.55 * one + 0.45 * 255))})` : method.colour;
+};
 const detail = () => {
   const methods = shownSet().methods;
   return methods.find((one) => one.name === by("method").value) || methods[0];
@@ -158,7 +161,7 @@ function cards() {
   const first = set.methods[0] && curveOf(set, set.methods[0], protocol, metric),
     number = first && first.n[first.x.findIndex((one) => Math.abs(one - seconds) < 0.01)];
   by("about").textContent =
-    `${state.person === null ? "" : "Thick: this person, complete protocol; thin: "}means over the run's test tracks${number ? `, ${whole(number)} of ${set.methods[0].title} at ${+seconds.toFixed(2)} s` : ""}.`;
+    `${state.person === null ? "Means" : "Thick: this person, complete protocol; thin: means"} over the run's test tracks${number ? `, ${whole(number)} of ${set.methods[0].title} at ${+seconds.toFixed(2)} s` : ""}.`;
   if (state.person !== null) by("now").textContent = tellPerson(set, state.person, state.step, detail());
   by("secondname").textContent = `${+seconds.toFixed(2)} s`;
   by("hourname").textContent = clock(set.periods[state.period]);

@@ -13,7 +13,7 @@ class View {
 
   whole() {
     const [x0, y0, x1, y1] = this.box;
-    return Math.max(Math.min((this.width - 24) / (x1 - x0), (this.height - 70) / (y1 - y0)), 0.5);
+    return Math.max(Math.min((this.width - 24) / (x1 - x0), (this.height - 84) / (y1 - y0)), 0.5);
   }
 
   fit() {
