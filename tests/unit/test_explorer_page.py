@@ -284,6 +284,24 @@ def test_it_fits_small_and_dark_screens(path, tmp_path, width, dark):
         assert not one.faults
 
 
+def test_the_keyboard_reaches_everything(shown):
+    """Tab by tab, from the first choice to the last, and back to none in between."""
+    reached = []
+    for _ in range(60):
+        shown.press("Tab")
+        reached.append(shown.ask("document.activeElement.id || document.activeElement.value || ''"))
+    wanted = ["set", "cliff", "grey", "theme", "map0", "in", "play", "hour", "compare", "file", "search", "list"]
+    order = [reached.index(one) for one in wanted]
+    assert order == sorted(order)
+    assert {"chart", "metric", "protocol"} <= set(reached)
+
+
+def test_every_picture_and_field_has_a_name(shown):
+    """For those who hear the page: canvases, fields and buttons; what only repeats them is hidden from them."""
+    nameless = shown.ask(NAMELESS)
+    assert not nameless
+
+
 def test_words_can_be_read(path, tmp_path):
     """Contrast of every text with its ground is at least 4.5, as WCAG's AA asks, light and dark."""
     for dark in (False, True):
@@ -294,7 +312,7 @@ def test_words_can_be_read(path, tmp_path):
 
 
 PLAIN = """(key, value) => {
-  if (value instanceof Float32Array) return Array.from(value, (one) => (Number.isNaN(one) ? "nan" : one));
+  if (value instanceof Float64Array) return Array.from(value, (one) => (Number.isNaN(one) ? "nan" : one));
   return key === "errors" && !value.complete ? undefined : value; // what the page has computed
 }"""
 
@@ -306,6 +324,11 @@ COLOURFULNESS = """(() => {
     if (data[i + 3] > 100) most = Math.max(most, Math.abs(data[i] - data[i + 1]), Math.abs(data[i] - data[i + 2]));
   return most;
 })()"""
+
+NAMELESS = """[...document.querySelectorAll("canvas, input, select, button")]
+  .filter((one) => one.ariaHidden !== "true" && !one.getAttribute("aria-label")
+    && !one.labels?.[0]?.textContent.trim() && !(one.tagName === "BUTTON" && one.textContent.trim()))
+  .map((one) => one.outerHTML.slice(0, 80))"""
 
 SMALL = """[...document.querySelectorAll("button, select, .choice span")]
   .filter((one) => one.offsetParent && one.offsetHeight < 30)

@@ -56,7 +56,7 @@ SECTIONS = {
     "rollout": options.RollOut, "episodes": options.Episodes, "snippets": options.Snippets,
     "learned": settings.Networks, "ladder": settings.Ladder, "studies": settings.Studies,
     "studies.training": settings.TrainingShares, "uncertainty": settings.Uncertainty, "demo": settings.Demo,
-    "tables": settings.Tables,
+    "explorer": settings.Explorer, "tables": settings.Tables,
 }  # fmt: skip
 DATASET_SECTIONS = {
     "recordings": datasets.Files, "columns": file_format.Columns, "units": file_format.Units,

@@ -1,6 +1,6 @@
 """People whom a page shows one by one: what was observed, what they did, and what each method forecast."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,10 +33,14 @@ def people(layout: Layout, dataset: Dataset, recordings: Sequence[str], methods:
     everyone = [(name, row) for name, (_, found, _) in wanted.items() for row in _first_rows(found)]
     chosen = everyone[:: -(-len(everyone) // MOST_PEOPLE) or 1] if everyone else []
     rows = {name: [row for one, row in chosen if one == name] for name in recordings}
-    parts = [_persons(dataset, name, *wanted[name], rows[name]) for name in recordings if rows[name]]
+    parts = [_persons(dataset, name, wanted[name], rows[name]) for name in recordings if rows[name]]
     if not parts:
         return {"names": [], "of": 0, "methods": {}}
     ids = {name: wanted[name][1].track_id[rows[name]] for name in recordings if rows[name]}
+    futures = {
+        method: _futures([(layout.forecast(dataset.name, method, name), mine) for name, mine in ids.items()])
+        for method in methods
+    }
     length = np.concatenate([part["length"] for part in parts])
     truth = np.concatenate([part["truth"] for part in parts])
     observed = np.concatenate([part["observed"] for part in parts])
@@ -49,11 +53,7 @@ def people(layout: Layout, dataset: Dataset, recordings: Sequence[str], methods:
         "rows": observed.shape[1],
         "observed": Digits(observed.swapaxes(1, 2), PLACE_M, observed.shape[1]),
         "truth": Digits(truth.swapaxes(1, 2), PLACE_M, truth.shape[1]),
-        "methods": {
-            method: tree
-            for method in methods
-            if (tree := _futures({name: layout.forecast(dataset.name, method, name) for name in ids}, ids)) is not None
-        },
+        "methods": {method: tree for method, tree in futures.items() if tree is not None},
     }
 
 
@@ -68,8 +68,9 @@ def _first_rows(found):
     return sorted(np.unique(found.track_id, return_index=True)[1].tolist())
 
 
-def _persons(dataset, recording, tracks, found, owners, rows):
+def _persons(dataset, recording, of_recording, rows):
     """Names, clock [h], observed and true positions [n, T, 2] of some forecasts; the truth is held where it ends."""
+    tracks, found, owners = of_recording
     truth, length = (part[rows] for part in truth_of(tracks, found, dataset))
     at_t0 = found.row[rows]
     seen = at_t0[:, None] + np.arange(1 - dataset.observed_rows, 1)
@@ -88,62 +89,60 @@ def _persons(dataset, recording, tracks, found, owners, rows):
     }
 
 
-def _futures(files: Mapping[str, str], ids: Mapping[str, np.ndarray]) -> dict[str, Any] | None:
-    """One method's forecasts of the chosen tracks, in their order; None where a file is missing."""
-    if not all(Path(file).exists() for file in files.values()):
+def _futures(files: Iterable[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
+    """One method's forecasts of these tracks of these files, in their order; None where one is missing."""
+    parts = [_first_forecasts(file, wanted) for file, wanted in files]
+    found = [part for part in parts if part is not None]
+    if len(found) < len(parts):
         return None
-    xy, alive, order, best, index, share, output = [], [], [], [], [], [], ""
-    for recording, file in files.items():
-        for one in _of_tracks(file, ids[recording]):
-            output = one.output
-            first = RESULTS.get(output, 0)
-            kept = one.first(first + MOST_FUTURES)
-            path, fitness, lives = (part[0] for part in kept[:3])
-            ranked = rank_order(Forecast(path, fitness, lives, output), path.shape[1])
-            results = kept.results
-            fittest = most_likely(results.log_fitness, longest_lived(results.steps_alive, path.shape[1]))[0]
-            for parts, part in zip((xy, alive, order, best), (path, lives, ranked, fittest), strict=True):
-                parts.append(part)
-            which, chance = _modes(kept)
-            index.append(first + which)
-            share.append(chance)
-    if not xy:
-        return None
-    steps, several = xy[0].shape[1], len(index[0]) > 0
+    output = found[0].output
+    xy, log_fitness, lives = (np.concatenate(part) for part in list(zip(*found, strict=True))[:3])
+    forecast = Forecast(xy, log_fitness, lives, output).first(RESULTS.get(output, 0) + MOST_FUTURES)
+    _, k, steps, _ = forecast.xy.shape
+    results = forecast.results
+    order = [
+        rank_order(Forecast(path, fitness, ends, output), steps)
+        for path, fitness, ends in zip(forecast.xy, forecast.log_fitness, forecast.steps_alive, strict=True)
+    ]
+    mode, chance = _modes(forecast)
     return {
         "output": output,
         "results": RESULTS.get(output, 0),
-        "futures": len(xy[0]),
+        "futures": k,
         "steps": steps,
-        "xy": Digits(np.stack(xy).swapaxes(2, 3), PLACE_M, steps),
-        "lives": np.stack(alive),
-        "order": np.stack(order),
-        "best": np.stack(best),
-        "modes": len(index[0]) if several else 0,
-        "mode": np.stack(index) if several else np.empty(0, int),
-        "chance": Digits(np.stack(share), 0.001) if several else np.empty(0, int),
+        "xy": Digits(forecast.xy.swapaxes(2, 3), PLACE_M, steps),
+        "lives": forecast.steps_alive,
+        "order": np.array(order),
+        "best": most_likely(results.log_fitness, longest_lived(results.steps_alive, steps)),
+        "modes": mode.shape[1],
+        "mode": mode,
+        "chance": Digits(chance, 0.001),
     }
 
 
-def _of_tracks(file, wanted):
-    """The first forecast of each wanted track by the file's first seed, each a `Forecast` of one track."""
-    found: dict[int, Forecast] = {}
+def _first_forecasts(file, wanted) -> Forecast | None:
+    """The first forecast of each wanted track by the file's first seed; None without the file, or one of them."""
+    if not Path(file).exists():
+        return None
+    found: dict[int, tuple[Forecast, int]] = {}
     first = None
     for seed, track_ids, forecast in read_forecasts(file):
         first = seed if first is None else first
-        if seed != first:
-            continue
-        for row in np.flatnonzero(np.isin(track_ids, wanted)).tolist():
-            one = Forecast(*(part[row : row + 1] for part in forecast[:3]), forecast.output)
-            found.setdefault(int(track_ids[row]), one)
-    return [found[one] for one in wanted.tolist()]
+        if seed == first:
+            for row in np.flatnonzero(np.isin(track_ids, wanted)).tolist():
+                found.setdefault(int(track_ids[row]), (forecast, row))
+    if not set(wanted.tolist()) <= found.keys():
+        return None
+    rows = [found[one] for one in wanted.tolist()]
+    xy, log_fitness, lives = (np.stack([forecast[part][row] for forecast, row in rows]) for part in range(3))
+    return Forecast(xy, log_fitness, lives, rows[0][0].output)
 
 
 def _modes(forecast):
-    """Which of one track's samples stand for its modes, and the probability of each; none of one with few samples."""
-    samples = forecast.samples
+    """Which futures stand for the modes, and the probability of each, both [n, modes]; no modes of few samples."""
+    samples, n = forecast.samples, len(forecast.xy)
     if samples.xy.shape[1] < LEAST_SAMPLES:
-        return np.empty(0, int), np.empty(0)
+        return np.empty((n, 0), int), np.empty((n, 0))
     found = modes_of(samples)
-    same = (samples.xy[0][None] == found.paths[0][:, None]).all(axis=(2, 3))
-    return same.argmax(axis=1), found.probabilities[0]
+    same = (samples.xy[:, None] == found.paths[:, :, None]).all(axis=(3, 4))
+    return forecast.xy.shape[1] - samples.xy.shape[1] + same.argmax(axis=2), found.probabilities

@@ -21,7 +21,7 @@ function revive(tree, body) {
 }
 
 function numbers(body, at, count, width, step, row) {
-  const found = new Float32Array(count),
+  const found = new Float64Array(count),
     lowest = -(2 ** (8 * width - 1)),
     shift = 32 - 8 * width;
   for (let i = 0, sum = 0; i < count; i++) {

@@ -102,7 +102,8 @@ function fillLegend(box, methods, colour, changed) {
       swatch.style.cssText = "width:28px;height:6px;flex:none";
       const value = element("span", ""),
         name = element("span", method.title);
-      swatch.dataset.method = method.name;
+      swatch.ariaHidden = "true";
+    swatch.dataset.method = method.name;
       value.className = "value";
       name.className = "name";
       name.title = method.title;
