@@ -27,7 +27,7 @@ def packed(tree: Any) -> bytes:
     """A tree of mappings, lists, scalars, arrays and `Digits` as bytes; plain arrays are whole numbers or a fault."""
     body: list[bytes] = []
     head = json.dumps(_referred(tree, body), ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
-    return gzip.compress(len(head).to_bytes(4, "little") + head + b"".join(body), 9, mtime=0)
+    return gzip.compress(len(head).to_bytes(4, "little") + head + b"".join(body), 6, mtime=0)
 
 
 def unpacked(data: bytes) -> Any:
