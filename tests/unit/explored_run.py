@@ -63,14 +63,14 @@ def forecasts(tracks, method):
     return ids, Forecast(xy, fitness, alive, output)
 
 
-def make_run(layout, datasets=(HALL, YARD)):
-    """Everything that the explorer of these datasets reads."""
+def make_run(layout, datasets=(HALL, YARD), maps=MAPS, number=24):
+    """Everything that the explorer of these datasets reads, of so many people and one more."""
     tables = []
     for dataset in datasets:
-        training, tested = crowd(), crowd(seed=1)
+        training, tested = crowd(number), crowd(number, seed=1)
         write_tracks(training, layout.tracks(dataset.name, "monday"))
         write_tracks(tested, layout.tracks(dataset.name, "tuesday"))
-        for kind in MAPS:
+        for kind in maps:
             whole, hours = build_map(kind, training, dataset, None)
             path = layout.map(dataset.name, kind)
             if whole is not None:
@@ -86,10 +86,10 @@ def make_run(layout, datasets=(HALL, YARD)):
     write_text(layout.scores, pd.concat(tables).to_csv(index=False))
 
 
-def make_page(layout, datasets=(HALL, YARD), tracks=("hall",)):
+def make_page(layout, datasets=(HALL, YARD), tracks=("hall",), maps=MAPS, number=24):
     """The explorer of such a run; returns its path."""
-    make_run(layout, datasets)
+    make_run(layout, datasets, maps, number)
     stem = layout.exhibit("explorer")
     recordings = {one.name: RECORDINGS for one in datasets}
-    page.draw(layout, list(datasets), stem, METHODS, MAPS, tracks, recordings, "")
+    page.draw(layout, list(datasets), stem, METHODS, maps, tracks, recordings, "")
     return f"{stem}.html"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explored_run import HALL, make_page
+from explored_run import HALL, YARD, make_page
 
 from modlhmp.study.explorer.look import page
 from modlhmp.study.explorer.pack import packed, unpacked
@@ -281,6 +281,19 @@ def test_it_fits_small_and_dark_screens(path, tmp_path, width, dark):
             before = one.pixels(OVER)
             one.tap(OVER, x, y)
             assert one.pixels(OVER) != before
+        assert not one.faults
+
+
+@pytest.mark.parametrize(("maps", "number", "caption"), [([], 24, "Flow"), (["cliff"], 2, "there is no map")])
+def test_a_run_with_little_to_show_says_so(tmp_path, maps, number, caption):
+    """One that compares no map has its flow; one of too few recorded people nothing, without an error."""
+    path = make_page(Layout("little", str(tmp_path)), (YARD,), (), maps, number)
+    with browser.Page(path, tmp_path / "profile") as one:
+        ready(one)
+        assert caption in one.text(".panel figcaption")
+        assert one.ask("document.querySelector('[value=stef]').disabled")
+        one.press("]", "c", "2", ".")
+        one.point(OVER, 0.5, 0.5)
         assert not one.faults
 
 
