@@ -1,5 +1,6 @@
 """Records of maps, forecasts and distributions: when a run makes them, of which methods, and of what."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -100,3 +101,31 @@ def test_density_shows_snippets_or_the_first_that_is_measured(plan_of):
     assert {plan.layout.map(name, "exits") for name in plan.datasets} <= set(needs("density", plan))
     plan = plan_of(compare=["mid"], ladder={}, uncertainty={"methods": ["mid"]})  # a network's are in a file
     assert {plan.layout.forecasts(name, "mid") for name in plan.datasets} <= set(needs("density", plan))
+
+
+def test_people_are_in_the_explorer_only_where_they_may_be(plan_of):
+    """Made-up ones, unless the run's owner says otherwise; without them neither test tracks nor forecasts are read."""
+    for said, shown in ((None, True), (True, True), (False, False)):
+        plan = plan_of(explorer={"tracks": said})
+        assert asks("explorer", plan)["tracks"] == ["demo_hall", "demo_forum"] * shown
+        read = needs("explorer", plan)
+        assert (plan.layout.forecasts("demo_hall", "tc_cliff") in read) is shown
+        assert set(plan.tracks("demo_hall", "train")) <= set(read)
+        assert (set(plan.tracks("demo_hall", "test")) <= set(read)) is shown
+
+
+def test_recorded_people_are_not_in_the_explorer(plan_of):
+    plan = plan_of()
+    recorded = [dataclasses.replace(one, demo=False) for one in plan.datasets.values()]
+    assert RECORDS["explorer"].asks(plan, recorded)["tracks"] == []
+    assert not [file for file in RECORDS["explorer"].needs(plan, recorded) if "forecasts" in file]
+    said = plan_of(explorer={"tracks": True})
+    assert RECORDS["explorer"].asks(said, recorded)["tracks"] == ["demo_hall", "demo_forum"]
+
+
+def test_the_explorer_has_the_maps_that_are_built(plan_of):
+    """Not those of files, nor of kinds that nobody compares."""
+    assert asks("explorer", plan_of())["maps"] == ["cliff", "tc_cliff", "stef"]
+    few = plan_of(compare=["cvm", "stef"])
+    assert asks("explorer", few)["maps"] == ["stef"]
+    assert RECORDS["explorer"].wanted(plan_of(compare=["cvm"]))

@@ -52,6 +52,7 @@ def exhibits(tables, figures):
         *(f"{table}.{kind}" for table in tables for kind in ("csv", "md", "tex", "html")),
         *(f"{figure}.{kind}" for figure in figures for kind in ("csv", "pdf", "png")),
         "results.csv",
+        "explorer.html",
     }
 
 
@@ -261,7 +262,7 @@ def test_report_holds_the_exhibits(tiny_run):
     categories = json.loads(re.search(r"var categories = ({.*?});?\n", report)[1])
     sorted_in = {path: name for name, group in categories.items() for paths in group.values() for path in paths}
     assert sorted_in.keys() == set(shown)
-    assert set(sorted_in.values()) == {"Tables", "Figures", "Maps", "Forecasts", "Studies"}
+    assert set(sorted_in.values()) == {"Tables", "Figures", "Maps", "Forecasts", "Studies", "Explorer"}
     for text in ("Two protocols stand", "were made up by the project", "Which claims hold"):
         assert text in report
     assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=.https?:", report)

@@ -37,7 +37,7 @@ def wheel(tmp_path_factory):
 
 def test_it_holds_the_package_with_its_schemas(wheel):
     names = zipfile.ZipFile(wheel).namelist()
-    sources = {f"modlhmp/{file.relative_to(ROOT / 'src/modlhmp').as_posix()}" for kind in ("*.py", "*.json", "py.typed")
+    sources = {f"modlhmp/{file.relative_to(ROOT / 'src/modlhmp').as_posix()}" for kind in ("*.py", "*.json", "py.typed", "assets/*")
                for file in (ROOT / "src/modlhmp").rglob(kind)}  # fmt: skip
     assert sources <= set(names)
     assert "modlhmp/schemas/dataset.schema.json" in names

@@ -1,8 +1,9 @@
 # The exhibits, named after the paper's labels: one rule per record of modlhmp.study.exhibits.
 #
 # INPUTS   paper_figures/{run}/results.csv; results/{run}/{dataset}: what each record needs, and that its splits are checked
-# OUTPUTS  paper_figures/{run}/<name>.{csv,tex,md,html} of tables, .{csv,pdf,png} of figures
-# STEPS    table_{name}, figure_{name}; tables, figures, studies and runtime collect them
+# OUTPUTS  paper_figures/{run}/<name>.{csv,tex,md,html} of tables, .{csv,pdf,png} of figures,
+#          .html of the explorer
+# STEPS    table_{name}, figure_{name}, page_{name}; tables, figures, studies and runtime collect them
 
 for exhibit in EXHIBITS:
     stem, names = LAYOUT.exhibit(exhibit.name), ["{label}"] * exhibit.per_dataset

@@ -1,4 +1,4 @@
-"""Rules table_* and figure_*: one for each record of `modlhmp.study.exhibits`."""
+"""Rules table_*, figure_* and page_*: one for each record of `modlhmp.study.exhibits`."""
 
 from importlib import import_module
 
@@ -12,4 +12,4 @@ with job_log(snakemake.log[0]):
     datasets = [build(Dataset, plain) for plain in params.datasets]
     shown = datasets[0] if params.per_dataset else datasets
     draw = getattr(import_module(params.module), params.function)
-    draw(Layout(params.run), shown, snakemake.output.csv.removesuffix(".csv"), **params.asks)
+    draw(Layout(params.run), shown, snakemake.output[0].rpartition(".")[0], **params.asks)

@@ -56,8 +56,7 @@ SECTIONS = {
     "rollout": options.RollOut, "episodes": options.Episodes, "snippets": options.Snippets, "pooled": options.Pooled,
     "learned": settings.Networks, "ladder": settings.Ladder, "studies": settings.Studies,
     "studies.training": settings.TrainingShares, "uncertainty": settings.Uncertainty,
-    "likelihood": settings.Likelihood, "demo": settings.Demo,
-    "tables": settings.Tables,
+    "likelihood": settings.Likelihood, "demo": settings.Demo, "explorer": settings.Explorer, "tables": settings.Tables,
 }  # fmt: skip
 DATASET_SECTIONS = {
     "recordings": datasets.Files, "columns": file_format.Columns, "units": file_format.Units,

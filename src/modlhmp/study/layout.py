@@ -11,6 +11,7 @@ from modlhmp.kinds import find
 SUMS = "resources/SHA256SUMS"  # of fetched recordings, as they were first seen
 TABLE_FORMS = ("csv", "tex", "md", "html")
 FIGURE_FORMS = ("csv", "pdf", "png")
+PAGE_FORMS = ("html",)
 
 
 @dataclass(frozen=True)

@@ -137,6 +137,17 @@ class Demo:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Explorer:
+    """The page to look at a run in a browser."""
+
+    tracks: bool | None = option(
+        None,
+        "whether test tracks and their forecasts can be looked at one by one, of every dataset; null: only where all "
+        "people are made up; without them the page has nothing that fewer than 5 people made",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Tables:
     """What tables and tests show."""
 
@@ -186,6 +197,7 @@ class RunSettings:
     likelihood: Likelihood = option(Likelihood(), "how likely maps make what people did")
     maps: dict[str, dict[str, Any]] = option({}, "`kind: options`: how maps are built")
     demo: Demo = option(Demo(), "the generated recordings")
+    explorer: Explorer = option(Explorer(), "the page to look at a run in a browser")
     tables: Tables = option(Tables(), "horizons of the tables and the t-tests")
 
     # --- what follows -------------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from modlhmp.datasets import Dataset
 from modlhmp.study import lacks
 from modlhmp.study.comparisons import LEAST_DAYS
 from modlhmp.study.exhibits.record import MODULES, Exhibit
+from modlhmp.study.explorer.look import assets_version
 from modlhmp.study.plan import Plan
 
 FORECAST_MB = 1500  # memory of exhibits that read forecasts
@@ -118,6 +119,40 @@ def _clusters(plan: Plan) -> str:
     if len(set(over.values())) == 1:
         return next(iter(over.values()))
     return " and ".join(f"{one} ({plan.datasets[name].title})" for name, one in over.items())
+
+
+def _one_by_one(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    """Names of the datasets whose people the explorer shows: made-up ones, or as the run's owner says."""
+    said = plan.run.explorer.tracks
+    return [dataset.name for dataset in datasets if (dataset.demo if said is None else said)]
+
+
+def _explored_maps(plan: Plan) -> list[str]:
+    return [kind for kind in ("cliff", "tc_cliff", "stef") if kind in plan.compared_kinds]
+
+
+def _explored(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    files, shown = [plan.layout.scores, *_floor_plans(datasets)], _one_by_one(plan, datasets)
+    for dataset in datasets:
+        files += [plan.layout.map(dataset.name, kind) for kind in _explored_maps(plan)]
+        files += plan.tracks(dataset.name, "train")
+        if dataset.name in shown:
+            files += plan.tracks(dataset.name, "test")
+            files += [plan.layout.forecasts(dataset.name, method) for method in plan.titles]
+    return files
+
+
+def _explorer_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    return {
+        "methods": plan.titles,
+        "maps": _explored_maps(plan),
+        "tracks": _one_by_one(plan, datasets),
+        "recordings": {
+            dataset.name: {split: [one.name for one in dataset.of_split(split)] for split in ("train", "test")}
+            for dataset in datasets
+        },
+        "look": assets_version(),
+    }
 
 
 def _runtimes(plan: Plan, datasets: list[Dataset]) -> list[str]:
@@ -383,6 +418,19 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "training data. Below 0 a map is worse than none.",
         asks=lambda plan, datasets: {"titles": plan.run.titles(plan.mapped)},
         **_likelihood("scores"),
+    ),
+    Exhibit(
+        name="explorer",
+        form="page",
+        module="modlhmp.study.explorer.page",
+        title="explorer",
+        category="Explorer",
+        caption="Maps by hour, flow and exits on the floor plan, each location's mixture and counts, and error against "
+        "horizon, to look at in a browser. Where people are made up, or the run's owner says so, any of them can be "
+        "followed second by second with what each method forecast; else the page has aggregates alone.",
+        needs=_explored,
+        asks=_explorer_asks,
+        memory_mb=FORECAST_MB,
     ),
     Exhibit(
         name="runtime",

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from modlhmp.datasets import Dataset
 from modlhmp.study.lacks import Lack
-from modlhmp.study.layout import FIGURE_FORMS, TABLE_FORMS
+from modlhmp.study.layout import FIGURE_FORMS, PAGE_FORMS, TABLE_FORMS
 from modlhmp.study.plan import Plan
 
 MODULES = "modlhmp.study.exhibits"  # where the modules that draw exhibits are
@@ -18,7 +18,7 @@ Asks = Callable[[Plan, list[Dataset]], dict[str, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Exhibit:
-    """A table or figure: what it is called, drawn from, and drawn by.
+    """A table, figure or page: what it is called, drawn from, and drawn by.
 
     `name` is its file name, with `{label}` where there is one per dataset. `draw(layout, datasets, stem, **asks)` (one
     per dataset: `draw(layout, dataset, stem, **asks)`) of `module` writes `stem` with every suffix of its form. It
@@ -26,11 +26,11 @@ class Exhibit:
     """
 
     name: str
-    form: Literal["table", "figure"]
+    form: Literal["table", "figure", "page"]
     module: str
     function: str = "draw"
     title: str  # what the report calls it
-    category: Literal["Tables", "Figures", "Maps", "Forecasts", "Studies"]
+    category: Literal["Tables", "Figures", "Maps", "Forecasts", "Studies", "Explorer"]
     paper: str = ""  # the paper's labels; empty if it is not in the paper
     caption: str | Callable[[Plan], str]
     needs: Needs
@@ -73,7 +73,7 @@ class Exhibit:
     @property
     def suffixes(self) -> tuple[str, ...]:
         """Suffixes of its files; the last one's file is shown in the report."""
-        return TABLE_FORMS if self.form == "table" else FIGURE_FORMS
+        return {"table": TABLE_FORMS, "figure": FIGURE_FORMS, "page": PAGE_FORMS}[self.form]
 
     def drawn_by(self) -> Callable[..., None]:
         """The function that draws it."""
