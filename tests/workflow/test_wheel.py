@@ -37,8 +37,9 @@ def wheel(tmp_path_factory):
 
 def test_it_holds_the_package_with_its_schemas(wheel):
     names = zipfile.ZipFile(wheel).namelist()
-    sources = {f"modlhmp/{file.relative_to(ROOT / 'src/modlhmp').as_posix()}" for kind in ("*.py", "*.json", "py.typed", "assets/*")
-               for file in (ROOT / "src/modlhmp").rglob(kind)}  # fmt: skip
+    kinds = ("*.py", "*.json", "py.typed", "assets/*")
+    files = [file for kind in kinds for file in (ROOT / "src/modlhmp").rglob(kind)]
+    sources = {f"modlhmp/{file.relative_to(ROOT / 'src/modlhmp').as_posix()}" for file in files}
     assert sources <= set(names)
     assert "modlhmp/schemas/dataset.schema.json" in names
 
