@@ -80,7 +80,7 @@ def test_who_forgets_follows_sooner(reversal):
 
 def test_the_figure_shows_every_map(layout, figures):
     write_tracks(PEOPLE, layout.tracks("hall", "day"))
-    prequential_hours.draw(layout, [DAY], layout.exhibit("f"))
+    prequential_hours.draw(layout, [DAY], layout.exhibit("f"), {DAY.name: ["day"]})
     assert image.imread(f"{layout.exhibit('f')}.png").std() > 0
     table = pd.read_csv(f"{layout.exhibit('f')}.csv")
     assert set(table["part"]) == {*prequential_hours.PARTS, "all hours as recorded"}
@@ -91,5 +91,5 @@ def test_the_figure_shows_every_map(layout, figures):
 def test_one_hour_is_too_few(layout, figures):
     one_hour = PEOPLE.take(PEOPLE.t < (PEOPLE.t[0] // 3600 + 1) * 3600)
     write_tracks(one_hour, layout.tracks("hall", "day"))
-    prequential_hours.draw(layout, [DAY], layout.exhibit("f"))
+    prequential_hours.draw(layout, [DAY], layout.exhibit("f"), {DAY.name: ["day"]})
     assert pd.read_csv(f"{layout.exhibit('f')}.csv").empty

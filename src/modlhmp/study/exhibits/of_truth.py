@@ -39,6 +39,9 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "same rows made one-way streets, of which half of the place turns round at the dotted line: how fast each map "
         "follows there, and what it forgets of the half that stays.",
         needs=lambda plan, datasets: [file for dataset in datasets for file in plan.tracks(dataset.name, "train")],
+        asks=lambda plan, datasets: {
+            "recordings": {dataset.name: [one.name for one in dataset.of_split("train")] for dataset in datasets}
+        },
         lacks=(lacks.ONE_HOUR,),
         minutes=30,
     ),

@@ -1,6 +1,6 @@
 """Figure prequential: how maps that are updated foretell the next hour, and follow a reversal (not in the paper)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 from matplotlib.axes import Axes
@@ -15,23 +15,25 @@ PARTS = ("as recorded", "planted: the half that turns round", "planted: the othe
 COLUMNS = ["dataset", "part", "number", "hour", "map", "nll", "covered", "n"]
 
 
-def draw(layout: Layout, datasets: Sequence[Dataset], stem: str) -> None:
+def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, recordings: Mapping[str, Sequence[str]]) -> None:
     """One row per dataset: the hours as they were, and both halves of the planted reversal; one line per map.
 
+    `recordings` are the training recordings of each dataset by its name.
     The last rows of the numbers, without an hour, are over all hours as recorded.
     """
     fig, axes = style.figure(len(datasets), len(PARTS), style.PAGE_MM, 46.0 * len(datasets))
-    tables = [_row(line, layout, dataset) for line, dataset in zip(axes, datasets, strict=True)]
+    tables = [
+        _row(line, layout, dataset, recordings[dataset.name]) for line, dataset in zip(axes, datasets, strict=True)
+    ]
     names = [*prequential.MAPS, prequential.NO_MAP]
     note = "Each hour is scored with what was known before it; dotted: the hour from which half of the place is turned."
     style.legend_below(fig, [style.line_of(position) for position in range(len(names))], names, note, most=7)
     style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset.demo for dataset in datasets))
 
 
-def _row(line: Sequence[Axes], layout: Layout, dataset: Dataset) -> pd.DataFrame:
+def _row(line: Sequence[Axes], layout: Layout, dataset: Dataset, recordings: Sequence[str]) -> pd.DataFrame:
     """Draw one dataset's panels; returns their numbers."""
-    files = [layout.tracks(dataset.name, one.name) for one in dataset.of_split("train")]
-    tracks = together(map(read_tracks, files))
+    tracks = together(read_tracks(layout.tracks(dataset.name, name)) for name in recordings)
     table, overall = prequential.scores(tracks, dataset)
     if table.empty:
         for panel in line:
