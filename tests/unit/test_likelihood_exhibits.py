@@ -75,10 +75,10 @@ def test_a_panel_a_space_and_a_line_a_map(measured, tmp_path, figures):
 
 def test_the_table_of_next_velocities_by_hand(layout, tmp_path):
     kinds = [f"{what}_{part}" for part in (0, 1) for what in ("heading_rad", "speed_m_s", "weight")]
-    rows = [("no_map", 2.0, 1.9, 2.1, 0.0, NAN, NAN, 100, 50, 0.0, NAN, NAN, 0.005, NAN, NAN, 0.005),
+    rows = [(NO_MAP, 2.0, 1.9, 2.1, 0.0, NAN, NAN, 100, 50, 0.0, NAN, NAN, 0.005, NAN, NAN, 0.005),
             ("cvm", 1.0, 0.9, 1.1, 1.0, 0.8, 1.2, 100, 50, 1.0, 0.2, 0.1, 0.02, 0.2, 0.1, 0.05)]  # fmt: skip
     write(layout, "given", pd.DataFrame(rows, columns=["method", *SUMMARY, "covered", *kinds]))
-    pairs = [("no_map", "cvm", 1.0, 0.8, 1.2, 100)]
+    pairs = [(NO_MAP, "cvm", 1.0, 0.8, 1.2, 100)]
     write(layout, "given_pairs", pd.DataFrame(pairs, columns=["map", "against", "difference", "low", "high", "n"]))
     likelihood_given_table.draw(layout, [HALL], str(tmp_path / "t"), {"cvm": "CVM"}, "persons")
     table = pd.read_csv(tmp_path / "t.csv", dtype=str)

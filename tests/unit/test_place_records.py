@@ -83,9 +83,9 @@ def test_the_runtime_is_drawn_where_it_was_measured_on_every_dataset(plan_of):
 def test_memory_maps_show_one_method_of_each_kind(plan_of):
     """The episodes first, whatever the order; the kind's own name before its variants'."""
     own = {"fewer": {"kind": "snippets", "title": "Fewer", "options": {"k": 9}}}
-    plan = plan_of(compare=["fewer", "snippets", "episodes"], methods=own, ladder={}, studies={})
+    plan = plan_of(compare=["fewer", "snippets", "episodes"], methods=own, ladder={}, studies={}, likelihood={})
     assert asks("memory-maps", plan) == {"methods": {"episodes": "Episodes", "snippets": "Snippets"}}
-    plan = plan_of(compare=["fewer", "episodes"], methods=own, ladder={}, studies={})
+    plan = plan_of(compare=["fewer", "episodes"], methods=own, ladder={}, studies={}, likelihood={})
     assert asks("memory-maps", plan) == {"methods": {"episodes": "Episodes", "fewer": "Fewer"}}
 
 

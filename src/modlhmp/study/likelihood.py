@@ -37,7 +37,8 @@ from modlhmp.tracks import Tracks, clock_hours, person_ids
 
 HELD_OUT = 0.15  # of the persons of the training data
 SPACES = ("joint", "heading")  # of headings and speeds, or of headings alone
-NO_MAP, DAY_BINS, HOUR_BINS, SMOOTHED = "no_map", "histogram_day", "histogram_hours", "smoothed"
+# In brackets, which no name of a method has.
+NO_MAP, DAY_BINS, HOUR_BINS, SMOOTHED = "<no map>", "<day>", "<hours>", "<smoothed>"
 TITLES = {
     NO_MAP: "no map",
     DAY_BINS: "histogram, day",

@@ -12,7 +12,7 @@ from modlhmp.maps.density import NoMap
 from modlhmp.scoring.likelihood import DIFFERENCE, SUMMARY, WEIGHTS, differences, summarise, with_background
 from modlhmp.scoring.next_velocity import KERNELS
 
-NO_MAP = "no_map"
+NO_MAP = "<no map>"  # as `study.likelihood`
 
 
 def in_halves(person: np.ndarray) -> np.ndarray:
