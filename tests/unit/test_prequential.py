@@ -67,6 +67,15 @@ def test_half_of_one_way_streets_turns_round():
     assert len(np.unique(way[~(half & late)])) == 1 and (way[half & late] == -way[~half][0]).all()
 
 
+def test_who_turns_back_and_forth_is_several_tracks():
+    """A piece of a walk has a row at every step: maps that are updated refuse others."""
+    zigzag = PEOPLE._replace(heading=np.where(np.arange(len(PEOPLE.t)) % 5 < 2, PEOPLE.heading, PEOPLE.heading + np.pi))
+    tracks, half, _ = prequential.planted(zigzag, SITE.timezone)
+    same = np.diff(tracks.track_id) == 0
+    assert same.any() and (np.diff(tracks.t)[same] < 1.5 * SITE.time_step_s).all()
+    assert not prequential.scores(tracks, SITE, half)[0].empty
+
+
 def test_who_forgets_follows_sooner(reversal):
     table, number = reversal
     turned = table[(table["part"] == 1)].pivot(index="number", columns="map", values="nll")

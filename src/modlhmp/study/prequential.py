@@ -91,13 +91,15 @@ def _overall(table, pooled):
 def planted(tracks: Tracks, timezone: str) -> tuple[Tracks, np.ndarray, int]:
     """One-way streets of which half turn round: (rows, which of them [n] are in that half, the number of that hour).
 
-    Of the tracks the rows are taken that walk the way of most; from the middle hour on those in the half of the place
-    with the larger x (by rows) walk the opposite way.
+    Of the tracks the pieces are taken that walk the way of most, each as a track of its own; from the middle hour on
+    rows in the half of the place with the larger x (by rows) walk the opposite way.
     """
     heading = np.where(tracks.speed > 0, tracks.heading, np.nan)
     way = np.arctan2(np.nansum(np.sin(2 * heading)), np.nansum(np.cos(2 * heading))) / 2  # the axis of the place
     way += np.pi * (np.nansum(np.cos(heading - way)) < 0)
-    tracks = tracks.take(np.cos(heading - way) > 0)
+    kept = np.flatnonzero(np.cos(heading - way) > 0)
+    piece = np.cumsum((np.diff(kept, prepend=-1) > 1) | (np.diff(tracks.track_id[kept], prepend=-1) != 0))
+    tracks = tracks.take(kept)._replace(track_id=piece)
     hours = clock_numbers(tracks.t, timezone)
     known = np.unique(hours)
     half = tracks.x > np.median(tracks.x) if len(tracks.x) else np.zeros(0, bool)
