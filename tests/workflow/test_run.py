@@ -281,7 +281,7 @@ def test_an_edit_of_the_tests_code_compares_again(tiny_run, tmp_path):
     rules = {"compare_methods": 2, "climb_ladder": 2, "table_ttests": 1, "table_claims": 1, "all": 1}
     rules |= {"table_ladder": 2, "figure_ladder": 1}
     rules |= {"measure_likelihood": 2, "table_likelihood": 1, "figure_likelihood": 1}
-    rules |= {"measure_given": 2, "table_likelihood_given": 1}
+    rules |= {"measure_given": 2, "table_likelihood_given": 1, "figure_prequential": 1}
     assert edited(tiny_run, tmp_path, "scoring/ttests.py") == rules
 
 
@@ -292,7 +292,7 @@ def test_an_edit_of_a_forecaster_forecasts_its_kind_again(tiny_run, tmp_path):
     of_snippets |= {"study_training", "study_occupied", "measure_given"}
     assert {rule: rules.get(rule) for rule in of_snippets} == dict.fromkeys(of_snippets, 2)
     known = {"compare_methods", "climb_ladder", "summarise_results", "measure_encounters", "all"}
-    assert not [rule for rule in rules.keys() - {*of_snippets, *known} if not rule.startswith(("table_", "figure_"))]
+    assert not [rule for rule in rules.keys() - {*of_snippets, *known} if not rule.startswith(("table_", "figure_", "page_"))]
 
 
 LOST = {"matlab": {"count"}, "online": set(), "nemo": {"p", "count"}, "xml": {"count"}, "stef_csv": set()}
