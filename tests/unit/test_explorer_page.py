@@ -298,13 +298,14 @@ def test_a_run_with_little_to_show_says_so(tmp_path, maps, number, caption):
 
 
 def test_the_keyboard_reaches_everything(shown):
-    """Tab by tab, from the first choice to the last, and back to none in between."""
+    """Tab by tab, from the first choice to the last, wherever the page was left before."""
     reached = []
-    for _ in range(60):
+    for _ in range(90):
         shown.press("Tab")
         reached.append(shown.ask("document.activeElement.id || document.activeElement.value || ''"))
     wanted = ["set", "cliff", "grey", "theme", "map0", "in", "play", "hour", "compare", "file", "search", "list"]
-    order = [reached.index(one) for one in wanted]
+    first = reached.index("set")
+    order = [reached.index(one, first) for one in wanted]
     assert order == sorted(order)
     assert {"chart", "metric", "protocol"} <= set(reached)
 

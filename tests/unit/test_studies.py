@@ -15,6 +15,7 @@ from modlhmp.options import (
     Episodes,
     ExitBuilding,
     NoBuilding,
+    Pooled,
     RollOut,
     SnippetBuilding,
     Snippets,
@@ -103,11 +104,13 @@ THREE = [
         kind="snippets",
         options=Snippets(k=8, length_s=3.0, most=9, bandwidth_m=1.2, exits=True, **UNLIKE),
     ),
+    Method(name="pool", kind="pooled", options=Pooled(k=8, persons=5)),
 ]
 BUILDINGS = {
     "cliff": CliffBuilding(resolution_m=1.0, radius_m=1.0, min_observations=5, bandwidth="isotropic"),
     "episodes": NoBuilding(),
     "snippets": SnippetBuilding(cell_m=1.0, length_s=4.0, most=20),
+    "pooled": NoBuilding(),
     "exits": ExitBuilding(cell_m=1.0),
 }
 
@@ -143,6 +146,7 @@ def test_all_of_the_tracks_give_the_main_run_s_errors(tmp_path):
         "cliff": cliff.build(whole, SITE, BUILDINGS["cliff"]),
         "episodes": episodes.build(whole, SITE),
         "snippets": snippets.build(whole, SITE, BUILDINGS["snippets"]),
+        "pooled": episodes.build(whole, SITE),
     }
     study = trained([1.0], training=whole, day=day)
     for method in THREE:

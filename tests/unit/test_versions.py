@@ -134,12 +134,14 @@ def test_a_kind_s_code_is_its_own(config_folder):
     forecasters = {"cliff": "rollout", "snippets": "chain", "episodes": "replay", "cvm": "cvm"}
     for name, forecaster in forecasters.items():
         assert f"modlhmp.forecasting.{forecaster}" in of[name]
-    for own, users in {"chain": {"snippets"}, "rollout": {"cliff", "tc_cliff", "stef"}}.items():
+    rolled_out = {"cliff", "tc_cliff", "stef", "smoothed_cliff", "neural_velocity"}
+    for own, users in {"chain": {"snippets", "pooled"}, "rollout": rolled_out}.items():
         assert {name for name in of if f"modlhmp.forecasting.{own}" in of[name]} == users
     networks = {name: kind for name, kind in all_kinds().items() if kind.learned}
     for name in networks:
         found = {other for other in networks if f"modlhmp.networks.{other}" in of[name]}
         assert found == {name, *{"social_lstm": ["lstm"], "mid": ["trajectronpp"]}.get(name, [])}, name
-    assert not [name for name in set(of) - set(networks) if any("networks" in module for module in of[name])]
+    others = set(of) - set(networks) - {"neural_velocity"}  # which is built by one
+    assert not [name for name in others if any("networks" in module for module in of[name])]
     assert "modlhmp.maps.mean_shift" in modules_of(scripts / "build_map.py", "modlhmp.maps.tc_cliff")
     assert "modlhmp.maps.mean_shift" not in modules_of(scripts / "build_map.py", "modlhmp.maps.stef")

@@ -292,7 +292,9 @@ def test_an_edit_of_a_forecaster_forecasts_its_kind_again(tiny_run, tmp_path):
     of_snippets |= {"study_training", "study_occupied", "measure_given"}
     assert {rule: rules.get(rule) for rule in of_snippets} == dict.fromkeys(of_snippets, 2)
     known = {"compare_methods", "climb_ladder", "summarise_results", "measure_encounters", "all"}
-    assert not [rule for rule in rules.keys() - {*of_snippets, *known} if not rule.startswith(("table_", "figure_", "page_"))]
+    assert not [
+        rule for rule in rules.keys() - {*of_snippets, *known} if not rule.startswith(("table_", "figure_", "page_"))
+    ]
 
 
 LOST = {"matlab": {"count"}, "online": set(), "nemo": {"p", "count"}, "xml": {"count"}, "stef_csv": set()}
