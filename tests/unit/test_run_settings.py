@@ -310,12 +310,22 @@ def test_an_unknown_name_gets_a_hint(config, key, value, message):
         ({"comparisons": [["cliff", "lstn"]]}, "comparisons: no method named 'lstn'; did you mean 'lstm'"),
         ({"comparisons": [["cliff"]]}, "comparisons.0: ['cliff'] is too short, at least 2 needed"),
         ({"studies": {"method": "cvm"}}, "studies.method: cvm has no map to sample"),
+        (
+            {"methods": {"mine": {"kind": "cliff"}, "other": {"kind": "mine"}}},
+            "methods.other.kind: mine is a method, no kind: write `inherits: mine`",
+        ),
         ({"maps": {"clif": {}}}, "maps: no map named 'clif'; did you mean 'cliff'"),
         ({"budgets": {"demo": {"lstn": {}}}}, "budgets.demo: no network named 'lstn'; did you mean 'lstm'"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_remedy(config, changes, message):
     assert message in refused({**config, **changes})
+
+
+def test_nothing_is_asked_of_a_method_that_is_not_studied(config):
+    """With no value to try it may be of any kind."""
+    assert load({**config, "studies": {"method": "cvm", "beta": [], "sampling_radius_m": []}}).studies.method == "cvm"
+    assert "leave both lists empty" in refused({**config, "studies": {"method": "cvm", "sampling_radius_m": []}})
 
 
 # --- names of old -------------------------------------------------------------------------------------------

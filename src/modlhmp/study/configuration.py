@@ -72,6 +72,11 @@ def _check_entries(run: RunSettings) -> None:
         known = [kind.name for kind in kinds.all_kinds().values() if kind.is_method]
         if not entry.kind:
             raise DataError(f"configuration, methods.{name}: say of which `kind` it is: {', '.join(known)}")
+        if entry.kind in run.methods and entry.kind not in known:
+            raise DataError(
+                f"configuration, methods.{name}.kind: {entry.kind} is a method, no kind: write "
+                f"`inherits: {entry.kind}` to start from its options"
+            )
         if entry.kind not in known:
             raise DataError(
                 unknown(f"configuration, methods.{name}.kind", "kind", entry.kind, known, kinds.NOT_INSTALLED)
@@ -142,9 +147,10 @@ def _check_names(run: RunSettings) -> None:
             raise DataError(
                 f"configuration, studies.training: the map of {name} is a file, so it cannot be built from less data"
             )
-    if not run.kind(run.studies.method).sampled:
+    if (run.studies.beta or run.studies.sampling_radius_m) and not run.kind(run.studies.method).sampled:
         raise DataError(
-            f"configuration, studies.method: {run.studies.method} has no map to sample, so neither beta nor r_s"
+            f"configuration, studies.method: {run.studies.method} has no map to sample, so neither beta nor r_s; name "
+            "another, or leave both lists empty"
         )
     for name, _ in run.ladder.rows:
         if outside := [part for part in run.averaged_parts(name) if run.kind(part).outside]:
