@@ -17,7 +17,7 @@ from modlhmp.options import ConstantVelocity, Episodes, Learning, NeuralMap, Rol
 from modlhmp.settings import as_plain, build
 from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
-from modlhmp.study.configuration import load_datasets, load_run
+from modlhmp.study.configuration import check_maps, load_datasets, load_run
 from modlhmp.study.layout import Layout
 from modlhmp.study.plan import Plan
 from modlhmp.study.settings import RunSettings
@@ -863,6 +863,19 @@ def test_what_cannot_be_a_published_map_is_told_before_the_run(config, write, tm
     write(MAP[: MAP.index("5,0,1.0")], "maps/one_way.csv")
     with pytest.raises(DataError, match=message):
         load_datasets(load(with_file(config, **entry)), DATASETS, tmp_path, "demo")
+
+
+def test_what_is_wrong_in_a_published_map_is_told_before_the_run(config, write, tmp_path):
+    """Its content, in the frame of the recordings; a map that is fit says nothing."""
+    write(MAP, "maps/a.csv")
+    run = load(with_file(config, kind="cliff", file="maps/a.csv"))
+    datasets = load_datasets(run, DATASETS, tmp_path, "demo")
+    check_maps(run, datasets, tmp_path)
+    first = MAP.splitlines()[0]
+    for wrong, told in (("50000," + first.partition(",")[2], "10 km"), (first.replace(",1,1,", ",-1,1,"), "negative")):
+        write(MAP.replace(first, wrong), "maps/a.csv")
+        with pytest.raises(DataError, match=f"methods.theirs.file: .*a.csv.*{told}"):
+            check_maps(run, datasets, tmp_path)
 
 
 def test_a_published_map_is_not_built_from_less(config):
