@@ -81,8 +81,8 @@ def test_streams_and_files_hold_the_same(folder, tmp_path):
     arguments = ("forecast", "--map", "cvm", "--horizon", 3)
     streamed = said(*arguments, "--tracks", "-", stdin=walks)
     assert streamed.startswith("track_id,t0,step,x,y\n")
-    for suffix in ("csv", "parquet", "ndjson"):
-        assert said(*arguments, "--tracks", folder / "walks.csv", "--out", tmp_path / f"f.{suffix}") == ""
+    for suffix, tracks in (("csv", "walks.csv"), ("parquet", "walks.csv"), ("ndjson", "walks.parquet")):
+        assert said(*arguments, "--tracks", folder / tracks, "--out", tmp_path / f"f.{suffix}") == ""
     assert (tmp_path / "f.csv").read_text() == streamed
     of_parquet = pd.read_parquet(tmp_path / "f.parquet")
     np.testing.assert_array_equal(of_parquet["x"], pd.read_csv(tmp_path / "f.csv")["x"].astype(np.float32))
@@ -94,8 +94,36 @@ def test_options_of_the_method(folder):
     arguments = ("forecast", "--map", folder / "hall.parquet", "--tracks", folder / "walks.csv", "--horizon", 3)
     few = table(*arguments, "--option", "persons=2")
     assert few["sample"].max() < table(*arguments)["sample"].max()
-    modes = table(*arguments, "--option", "output=modes")
-    assert "probability" not in modes and modes["sample"].max() > 1  # samples, whatever the result
+    modes = table(*arguments[:3], "--tracks", folder / "walks.parquet", *arguments[5:], "--option", "output=modes")
+    futures = modlhmp.forecast(modlhmp.load_map(folder / "hall.parquet"), CROWD, 3, output="modes")
+    _, shares, alive = futures.modes
+    shares = shares * (alive > 0)  # what ends at once has no rows
+    shares = shares[shares.any(axis=1)] / shares[shares.any(axis=1)].sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(modes.loc[modes["step"] == 1, "probability"], shares[shares > 0], rtol=1e-5)
+
+
+def test_texts_are_no_ids_of_trajnet(folder, tmp_path):
+    """They would become numbers that are nobody's, and too large for most readers of JSON."""
+    with pytest.raises(
+        modlhmp.DataError, match=r"f\.ndjson: TrajNet.* has texts, such as 'P\d+': write CSV or Parquet"
+    ):
+        said("forecast", "--map", "cvm", "--tracks", folder / "walks.csv", "--out", tmp_path / "f.ndjson")
+    assert not (tmp_path / "f.ndjson").exists()
+
+
+def told(*arguments):
+    return CliRunner().invoke(app, [str(one) for one in arguments]).stderr
+
+
+def test_what_is_not_used_and_what_was_guessed_is_told(folder, tmp_path):
+    """Speeds that are there, and the columns of a file of others."""
+    arguments = ("forecast", "--map", "cvm", "--horizon", 3, "--tracks")
+    assert "the speeds and headings in" in told(*arguments, folder / "walks.parquet")
+    assert told(*arguments, folder / "walks.csv") == ""
+    of = pd.read_csv(folder / "walks.csv").rename(columns={"x": "px", "y": "py"})
+    of.to_csv(tmp_path / "f.csv", index=False)
+    said_so = told(*arguments, tmp_path / "f.csv")
+    assert "f.csv: read as track_id = track_id, t = t, x = px, y = py, brought to a row every 1 s" in said_so
 
 
 def test_a_picture_beside_the_file(folder, tmp_path):
@@ -135,6 +163,7 @@ BAD_TRACKS = {
     "a word": ("track_id,t,x,y\n1,0,0,0\n1,1,one,0\n", "f.csv, row 3: x 'one' is not a number"),
     "NaN": ("track_id,t,x,y\n1,0,0,0\n1,1,nan,0\n", "f.csv, row 3: x is empty or NaN"),
     "twice": ("track_id,t,x,y\n1,0,0,0\n1,1,1,0\n1,1,1,0\n", "row 4: track 1 has a row at t 1 in row 3 already"),
+    "empty": ("track_id,t,x,y\n", "f.csv: it has no rows, so nobody can be forecast"),
     "short": ("track_id,t,x,y\n1,0,0,0\n1,1,1,0\n", "nobody has 4 rows"),
     "feet": ("track_id,t,x,y\n" + "".join(f"1,{t},{40 * t},0\n" for t in range(6)), "are positions in m"),
 }
@@ -221,6 +250,29 @@ def test_forecasts_of_others(folder, tmp_path, change, told):
     change(made).to_csv(tmp_path / "f.csv", index=False)
     with pytest.raises(modlhmp.DataError, match=re.escape(told)):
         said("score", tmp_path / "f.csv", "--tracks", folder / "walks.csv")
+
+
+def refused(*arguments):
+    """What a command says that refuses, and that it has written nothing before."""
+    done = CliRunner().invoke(app, [str(one) for one in arguments])
+    assert isinstance(done.exception, modlhmp.DataError) and done.stdout == ""
+    return str(done.exception)
+
+
+def test_forecasts_without_a_future_are_not_scored(folder, tmp_path):
+    """Made at the last rows of the tracks that they are scored against."""
+    file = tmp_path / "f.csv"
+    said("forecast", "--map", "cvm", "--tracks", folder / "walks.csv", "--horizon", 8, "--out", file)
+    told = refused("score", file, "--tracks", folder / "walks.csv")
+    assert "f.csv: no forecast has a future in" in told and "modlhmp forecast --at SECONDS" in told
+
+
+def test_what_cannot_be_scored_says_what_can(folder, tmp_path):
+    said("forecast", "--map", "cvm", "--tracks", folder / "walks.parquet", "--out", tmp_path / "f.ndjson")
+    told = refused("score", tmp_path / "f.ndjson", "--tracks", folder / "walks.csv")
+    assert "lines have no clock and cannot be scored: write CSV or Parquet" in told
+    told = refused("score", tmp_path, "--tracks", folder / "walks.csv")
+    assert "is a folder, so a hand-in: give the dataset file that its task was exported from (.yaml)" in told
 
 
 @pytest.mark.parametrize("step", ["0", "-1", "nan", "inf"])

@@ -1,5 +1,7 @@
 """Exhibits of distributions: the table's cells, and the bins behind the figure of calibration."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -8,7 +10,7 @@ import pytest
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.uncertainty import MEASURES
 from modlhmp.storage import write_parquet
-from modlhmp.study.exhibits import calibration, uncertainty_table
+from modlhmp.study.exhibits import calibration, horizon_errors, tables, uncertainty_table
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=2.0, horizon_s=12.0, demo=True)
 METHODS = {"cvm": "CVM", "snippets": "Snippets", "tc_cliff": "TC-CLiFF"}
@@ -51,6 +53,35 @@ def test_the_table_s_cells_by_hand(layout, tmp_path):
     assert "**5.800**" not in text  # the best is bold
     for kind in ("md", "html", "tex"):
         assert "Demo data" in (tmp_path / f"t.{kind}").read_text()
+
+
+def test_values_that_print_alike_are_bold_together(layout, tmp_path):
+    """Whoever reads a table cannot see which of them is lower."""
+    write_measures(layout, "tc_cliff", factor=1.00001)
+    write_measures(layout, "snippets")
+    uncertainty_table.draw(layout, [HALL], str(tmp_path / "t"), {m: METHODS[m] for m in MEASURED}, {})
+    rows = [line for line in (tmp_path / "t.md").read_text().splitlines() if "| Hall | 4 |" in line]
+    assert len(rows) == 2 and all("**2.900**" in row for row in rows)
+    at = pd.DataFrame({"ade_m": [1.23449, 1.23441, 1.3, np.nan], "fde_m": [2.0, 1.0, 3.0, np.nan]}, index=list("abcd"))
+    shown = ["**1.234** / 2.000", "**1.234** / **1.000**", "1.300 / 3.000", "– / –"]
+    assert tables._errors(at) == shown
+
+
+def test_the_spread_has_room_under_both_protocols(layout, tmp_path, monkeypatch):
+    """The complete protocol's errors are the larger ones, and both share an axis."""
+    rows = [
+        {"dataset": "hall", "method": "tc_cliff", "output": "single", "protocol": protocol, "horizon_s": horizon,
+         "n": 5, "eligible": 5, **{f"{of}_m": mean * horizon for of in ("ade", "fde")},
+         **{f"{of}_sd_m": mean * horizon for of in ("ade", "fde")}}
+        for protocol, mean in (("paper", 0.1), ("complete", 1.0)) for horizon in (2.0, 12.0)
+    ]  # fmt: skip
+    Path(layout.scores).parent.mkdir(parents=True, exist_ok=True)
+    pd.DataFrame(rows).to_csv(layout.scores, index=False)
+    drawn = []
+    monkeypatch.setattr(horizon_errors.style, "save", lambda fig, *others: drawn.append(fig))
+    horizon_errors.draw(layout, HALL, str(tmp_path / "f"), {"tc_cliff": "TC-CLiFF"})
+    for ax in drawn[0].axes[:4]:
+        assert ax.get_ylim()[0] == 0 and ax.get_ylim()[1] >= 24
 
 
 def test_a_table_of_nobody_long_enough(layout, tmp_path):

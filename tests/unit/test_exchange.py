@@ -15,6 +15,7 @@ from modlhmp.exchange.maps import imported
 from modlhmp.maps.base import check_frame
 from modlhmp.maps.cliff import COLUMNS
 from modlhmp.maps.columns import METADATA, described
+from modlhmp.maps.stef import evaluate, middle_of_hour
 from modlhmp.storage import column
 from modlhmp.tracks import Tracks
 
@@ -169,6 +170,34 @@ def test_histograms(maps, tmp_path, caplog):
     refused("histograms. Then name the form, histogram,", modlhmp.load_map, tmp_path / "stef.txt")
     refused("row 1 has .* numbers after its time: .* = 8; give the box", modlhmp.load_map, tmp_path / "stef.txt",
             form="histogram", x=(0, 1), y=(0, 1))  # fmt: skip
+
+
+def test_histograms_of_a_map_come_back(tmp_path):
+    """The probabilities of every hour, in ten-thousandths: FreMEn alone would smooth hours that are unlike."""
+    walks = crowd()
+    turned = [
+        walks._replace(
+            track_id=walks.track_id + 1000 * hour, t=walks.t + 3600 * hour, heading=(walks.heading + hour) % 6.28 - 3.14
+        )
+        for hour in range(6)
+    ]
+    site = Site(timezone="Europe/London")
+    ours = modlhmp.build_map("stef", Tracks(*map(np.concatenate, zip(*turned, strict=True))), site)
+    ours.save(tmp_path / "stef.txt", form="histogram")
+    box = {name: (column(ours.whole, name).min() - 0.5, column(ours.whole, name).max() + 0.5) for name in ("x", "y")}
+    theirs = modlhmp.load_map(tmp_path / "stef.txt", form="histogram", site=site, **box)
+    assert list(theirs.hours) == list(ours.hours) and len(ours.hours) >= 6
+    smoothed = 0.0
+    for hour, table in ours.hours.items():
+        places = dict(zip(zip(column(table, "x"), column(table, "y"), strict=True),
+                          column(table, "probabilities").reshape(-1, 8), strict=True))  # fmt: skip
+        again = theirs.hours[hour]
+        found = column(again, "probabilities").reshape(-1, 8)
+        expected = np.array([places[at] for at in zip(column(again, "x"), column(again, "y"), strict=True)])
+        np.testing.assert_allclose(found, expected, atol=3e-4)
+        learned = column(evaluate(theirs.whole, middle_of_hour(hour)), "probabilities").reshape(-1, 8)
+        smoothed = max(smoothed, np.abs(learned - expected).max())
+    assert smoothed > 0.05
 
 
 def test_histograms_are_learned_from_like_counts_of_tracks(tmp_path):

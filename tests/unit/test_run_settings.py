@@ -17,7 +17,7 @@ from modlhmp.options import ConstantVelocity, Episodes, Learning, NeuralMap, Rol
 from modlhmp.settings import as_plain, build
 from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError
-from modlhmp.study.configuration import load_datasets, load_run
+from modlhmp.study.configuration import check_maps, load_datasets, load_run
 from modlhmp.study.layout import Layout
 from modlhmp.study.plan import Plan
 from modlhmp.study.settings import RunSettings
@@ -315,12 +315,22 @@ def test_an_unknown_name_gets_a_hint(config, key, value, message):
         ({"comparisons": [["cliff", "lstn"]]}, "comparisons: no method named 'lstn'; did you mean 'lstm'"),
         ({"comparisons": [["cliff"]]}, "comparisons.0: ['cliff'] is too short, at least 2 needed"),
         ({"studies": {"method": "cvm"}}, "studies.method: cvm has no map to sample"),
+        (
+            {"methods": {"mine": {"kind": "cliff"}, "other": {"kind": "mine"}}},
+            "methods.other.kind: mine is a method, no kind: write `inherits: mine`",
+        ),
         ({"maps": {"clif": {}}}, "maps: no map named 'clif'; did you mean 'cliff'"),
         ({"budgets": {"demo": {"lstn": {}}}}, "budgets.demo: no network named 'lstn'; did you mean 'lstm'"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_remedy(config, changes, message):
     assert message in refused({**config, **changes})
+
+
+def test_nothing_is_asked_of_a_method_that_is_not_studied(config):
+    """With no value to try it may be of any kind."""
+    assert load({**config, "studies": {"method": "cvm", "beta": [], "sampling_radius_m": []}}).studies.method == "cvm"
+    assert "leave both lists empty" in refused({**config, "studies": {"method": "cvm", "sampling_radius_m": []}})
 
 
 # --- names of old -------------------------------------------------------------------------------------------
@@ -858,6 +868,19 @@ def test_what_cannot_be_a_published_map_is_told_before_the_run(config, write, tm
     write(MAP[: MAP.index("5,0,1.0")], "maps/one_way.csv")
     with pytest.raises(DataError, match=message):
         load_datasets(load(with_file(config, **entry)), DATASETS, tmp_path, "demo")
+
+
+def test_what_is_wrong_in_a_published_map_is_told_before_the_run(config, write, tmp_path):
+    """Its content, in the frame of the recordings; a map that is fit says nothing."""
+    write(MAP, "maps/a.csv")
+    run = load(with_file(config, kind="cliff", file="maps/a.csv"))
+    datasets = load_datasets(run, DATASETS, tmp_path, "demo")
+    check_maps(run, datasets, tmp_path)
+    first = MAP.splitlines()[0]
+    for wrong, told in (("50000," + first.partition(",")[2], "10 km"), (first.replace(",1,1,", ",-1,1,"), "negative")):
+        write(MAP.replace(first, wrong), "maps/a.csv")
+        with pytest.raises(DataError, match=f"methods.theirs.file: .*a.csv.*{told}"):
+            check_maps(run, datasets, tmp_path)
 
 
 def test_a_published_map_is_not_built_from_less(config):

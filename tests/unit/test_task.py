@@ -205,6 +205,48 @@ def test_our_own_come_back_to_the_bit(tmp_path, form, every_s):
             np.testing.assert_array_equal(*(np.array(one[column].to_pylist()) for one in (again, expected)))
 
 
+@pytest.mark.parametrize("form", ["csv", "parquet", "ndjson"])
+def test_our_own_stand_in_the_order_of_their_numbers(task, tmp_path, form):
+    """That of the recordings would tell who came after whom."""
+    file, _ = write_hand_in(tmp_path, task, {name: cvm(name) for name in DAYS}, form)
+    if form == "ndjson":
+        lines = [json.loads(line) for line in file.read_text().splitlines()]
+        order = [one["scene"]["id"] if "scene" in one else one["track"]["scene_id"] for one in lines]
+        steps = [one["track"]["f"] for one in lines if "track" in one]
+    else:
+        table = pd.read_csv(file) if form == "csv" else pd.read_parquet(file)
+        order, steps = table["track_id"].tolist(), (table["track_id"] * 100 + table["step"]).tolist()
+    assert order == sorted(order) and set(order) == set(range(24))
+    assert steps == sorted(steps)
+
+
+def test_an_earlier_export_leaves_nothing_behind(task, tmp_path):
+    """What was asked for then may tell more than is asked for now; other people's files are theirs."""
+    write_task(task, tmp_path, "ndjson")
+    write_task(task_of(neighbours=True), tmp_path, training=[WALKS])
+    write_hand_in(tmp_path, task, {name: cvm(name) for name in DAYS}, "parquet")
+    assert (tmp_path / "training.csv").exists() and not (tmp_path / "observations.ndjson").exists()
+    write_task(task, tmp_path)
+    write_hand_in(tmp_path, task, {name: cvm(name) for name in DAYS})
+    names = {"observations.csv", "task.json", "forecasts.csv", "forecasts.json"}
+    assert {file.name for file in tmp_path.iterdir()} == names
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own/training.csv").write_text("mine")
+    write_task(task, tmp_path / "own")
+    assert (tmp_path / "own/training.csv").read_text() == "mine"
+
+
+def test_futures_that_begin_where_nobody_can_be_are_told(task, tmp_path, caplog):
+    """Such as positions in mm: they are scored, but not without a word."""
+    read_hand_in(hand_in(tmp_path, task, straight(task, 2)), task)
+    assert not caplog.messages
+    in_mm = straight(task, 2)
+    in_mm[["x", "y"]] *= 1000
+    read_hand_in(hand_in(tmp_path, task, in_mm), task)
+    assert "f.csv: 24 of 24 tracks, first 0, have a step 1 that is up to" in caplog.messages[0]
+    assert "is everything in m, in the recording's frame?" in caplog.messages[0]
+
+
 def test_a_folder_for_each_dataset(task, tmp_path):
     hand_in(tmp_path / "hall", task, straight(task))
     assert len(read_hand_in(tmp_path, task).missing) == 0
@@ -348,6 +390,10 @@ BAD = {
         lambda table: table[table["step"] < 6],
         ["no sample has a step beyond 5: the task's horizon is 8 steps of 1 s, 8 s; forecast up to it"],
     ),
+    "clock instead of seconds": (
+        lambda table: table.assign(t=1.35e9 + table["step"]).drop(columns="step"),
+        ["row 2: t 1350000001: t is in seconds after t0", "looks like a clock's time: take that of t0 off"],
+    ),
     "other steps": (
         lambda table: table.assign(t=table["step"] * 0.4).drop(columns="step"),
         ["row 2: t 0.4 is no multiple of the time step, 1 s", "interpolate"],
@@ -358,7 +404,11 @@ BAD = {
     ),
     "ids of another kind": (
         lambda table: table.assign(track_id="P" + table["track_id"].astype(str)),
-        ["track_id P", "is not in the task; its tracks are 0 to 23"],
+        ["row 2: track_id P0 is not in the task; its tracks are 0 to 23, as in its observations"],
+    ),
+    "ids with a point": (
+        lambda table: table.assign(track_id=table["track_id"].astype(float)),
+        ["row 2: track_id 0.0 is not in the task", "whole numbers, so write 0"],
     ),
     "clock": (lambda table: table.assign(t0=1.3e9), ["row 2: t0 1300000000: in a task t0 is 0"]),
     "column": (lambda table: table.rename(columns={"sample": "smaple"}), ["no column named 'smaple'", "'sample'"]),

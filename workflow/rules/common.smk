@@ -28,7 +28,7 @@ from modlhmp.study.plan import (
     TRAINING_KEYS,
     Plan,
 )
-from modlhmp.study.configuration import load_datasets, load_run
+from modlhmp.study.configuration import check_maps, load_datasets, load_run
 from modlhmp.study.versions import code_version
 
 # For the jobs, read when PyTorch loads OpenMP: threads that wait by spinning stall other processes.
@@ -41,6 +41,8 @@ try:
     LAYOUT = Layout(RUN.run)
     DATA_ROOT = os.path.expanduser(os.environ.get("MODLHMP_DATA") or RUN.data_root)
     DATASETS = load_datasets(RUN, DATASET_FOLDERS, DATA_ROOT, LAYOUT.demo)
+    if workflow.is_main_process:  # jobs read their own
+        check_maps(RUN, DATASETS, DATA_ROOT)
 except DataError as error:
     raise WorkflowError(f"\n{error}") from None
 PLAN = Plan(RUN, LAYOUT, DATASETS)

@@ -57,6 +57,8 @@ def forecast(
     site = modlhmp.Site() if isinstance(source, str) else source.site
     walkers, owners = read_walkers(tracks, site.time_step_s)
     seen = _seen(walkers, at, site.observed_rows, tracks)
+    _check_ids(owners, seen, tracks, out)
+    _tell_of_speeds(source, seen, tracks)
     futures = modlhmp.forecast(source, seen, horizon, seed, **_options(option or [], seed))
     if unknown := int((~futures.known).sum()):
         typer.echo(f"{unknown} of {len(futures.known)} people have no forecast: the map tells nothing there", err=True)
@@ -89,13 +91,14 @@ def _options(given: list[str], seed: int) -> dict[str, Any]:
 
 def _seen(walkers: Any, at: float | None, rows: int, file: str) -> Any:
     """What the forecasts are made from: of those who have enough rows, up to a moment."""
+    if not len(walkers.t):
+        raise DataError(f"{file}: it has no rows, so nobody can be forecast")
     if at is not None:
         seen = walkers.seen_by(at, rows=rows)
         if not len(seen.t):
-            first, last = (walkers.t.min(), walkers.t.max()) if len(walkers.t) else (np.nan, np.nan)
             raise DataError(
-                f"--at {at:.16g}: nobody in {file} has {rows} rows by then and is there; its times are {first:.16g} to "
-                f"{last:.16g} s"
+                f"--at {at:.16g}: nobody in {file} has {rows} rows by then and is there; its times are "
+                f"{walkers.t.min():.16g} to {walkers.t.max():.16g} s"
             )
         return seen
     counts = np.diff(walkers.bounds())
@@ -104,6 +107,25 @@ def _seen(walkers: Any, at: float | None, rows: int, file: str) -> Any:
     if not (counts >= rows).any():
         raise DataError(f"{file}: nobody has {rows} rows, a time step apart, which a forecast is made from")
     return walkers.take(np.repeat(counts >= rows, counts))
+
+
+def _check_ids(owners: dict[int, str], seen: Any, file: str, out: str) -> None:
+    """`DataError` where ids that are text would go out as numbers."""
+    if out.endswith(".ndjson") and (texts := owners.keys() & set(seen.track_id.tolist())):
+        raise DataError(
+            f"--out {out}: TrajNet++'s lines have whole numbers for ids, and {file} has texts, such as "
+            f"{owners[min(texts)]!r}: write CSV or Parquet, or number the people"
+        )
+
+
+def _tell_of_speeds(source: Any, seen: Any, file: str) -> None:
+    """Say where recorded speeds are not used: a run of the same tracks may use them."""
+    if isinstance(source, str) and np.isfinite(seen.speed).any():
+        typer.echo(
+            f"{source} takes velocities from positions: the speeds and headings in {file} are not used, as a run of "
+            "a dataset whose `velocity` is as_recorded would use them",
+            err=True,
+        )
 
 
 def _write(futures: Any, owners: dict[int, str], out: str, best: bool) -> None:
@@ -116,6 +138,8 @@ def _write(futures: Any, owners: dict[int, str], out: str, best: bool) -> None:
     from modlhmp.settings import as_plain  # noqa: PLC0415
 
     forecast, site = futures.forecast.samples, futures.site
+    if futures.forecast.output == "modes":
+        forecast = futures.forecast.results
     if best:
         alive = futures.forecast.steps_alive.max(axis=1)
         alive = alive if futures.forecast.output == "mean" else best_path(futures.forecast)[1]

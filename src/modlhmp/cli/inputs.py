@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import typer
 
 from modlhmp.cleaning import clean_recording
 from modlhmp.exchange.tracks import NEEDED, RECORDED, read_tracks_table
@@ -80,6 +81,9 @@ def _form_of(file: Path, shown: str, time_step_s: float) -> FileFormat:
     if found.asks:
         doubts = "; ".join(f"{key}: {why}" for key, why in found.asks.items())
         raise DataError(f"{shown}: how it is written is in doubt ({doubts}): {remedy}")
+    columns = found.keys.get("columns", {})
+    taken = ", ".join(f"{role} = {column}" for role, column in columns.items()) or found.keys["reader"]
+    typer.echo(f"{shown}: read as {taken}, brought to a row every {time_step_s:g} s", err=True)
     return check(FileFormat, {**found.keys, "time_step_s": time_step_s}, shown)
 
 

@@ -49,6 +49,11 @@ def score(
     """
     writer = csv.writer(sys.stdout, lineterminator="\n")
     if Path(forecasts).is_dir():
+        if Path(tracks).suffix not in {".yaml", ".yml"}:
+            raise DataError(
+                f"--tracks {tracks}: {forecasts} is a folder, so a hand-in: give the dataset file that its task was "
+                "exported from (.yaml)"
+            )
         from modlhmp.tasks import Row, score_hand_in  # noqa: PLC0415 - other commands need none of it
 
         root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
@@ -57,8 +62,9 @@ def score(
         writer.writerow(Row._fields)
         writer.writerows((*row[:2], *(f"{one:.6g}" for one in row[2:])) for row in rows)
         return
+    scored = list(_scores(forecasts, tracks, path, time_step))
     writer.writerow(("protocol", "output", "horizon_s", "ade_m", "fde_m", "n", "eligible"))
-    for protocol, output, horizon_s, found in _scores(forecasts, tracks, path, time_step):
+    for protocol, output, horizon_s, found in scored:
         numbers = (horizon_s, found["ade_m"], found["fde_m"], found["n"], found["eligible"])
         writer.writerow((protocol, output, *(f"{one:.6g}" for one in numbers)))
 
@@ -74,6 +80,8 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float) -> Any:
 
     if not 0 < time_step_s < np.inf:
         raise DataError(f"--time-step {time_step_s:g}: give the seconds between two steps, above 0")
+    if forecasts.endswith(".ndjson"):
+        raise DataError(f"{forecasts}: TrajNet++'s lines have no clock and cannot be scored: write CSV or Parquet")
     with file_of(forecasts) as (file, shown):
         try:
             samples = read_samples(file, time_step_s)
@@ -83,6 +91,13 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float) -> Any:
         raise DataError(f"{shown}: it has no forecasts")
     truth, _ = read_walkers(tracks, time_step_s)
     start = np.array([_start(truth, samples, place, shown, tracks) for place in range(len(samples.t0))])
+    bounds = truth.bounds()
+    end = dict(zip(truth.track_id[bounds[:-1]].tolist(), truth.t[bounds[1:] - 1].tolist(), strict=True))
+    if all(end[whose] <= t0 + 1e-3 for whose, t0 in zip(samples.track_id.tolist(), samples.t0.tolist(), strict=True)):
+        raise DataError(
+            f"{shown}: no forecast has a future in {tracks}: each begins at the last row of its track, so there is "
+            "nothing to score; forecast an earlier moment, `modlhmp forecast --at SECONDS`, or give tracks that go on"
+        )
     steps = int(samples.steps.max())
     site = modlhmp.Site(time_step_s=time_step_s, horizon_s=steps * time_step_s)
     forecast = forecast_of(samples, np.arange(len(start)), start, steps, path)

@@ -29,6 +29,7 @@ from modlhmp.storage import DataError, column
 from modlhmp.tracks import runs
 
 TYPES = {"track_id": pa.string()} | dict.fromkeys(("t0", "sample", "probability", "step", "t", "x", "y"), pa.float64())
+LATEST_S = 86400.0  # after t0; what is later is a clock's time
 OFF_GRID_S = 0.05  # what a time may differ from its time step, at most a tenth of that
 SUM_WITHIN = 1e-3  # of the probabilities of a forecast's samples
 
@@ -113,6 +114,10 @@ def read_rows(path: str | Path, step_s: float) -> Rows:
 
 def _steps_of(t: np.ndarray, step_s: float, path: str | Path, line: np.ndarray) -> np.ndarray:
     """The time steps of seconds after t0."""
+    _refuse(path, line, t > LATEST_S, lambda row: (
+        f"t {t[row]:.16g}: t is in seconds after t0, and this is more than a day; it looks like a clock's time: take "
+        "that of t0 off"
+    ))  # fmt: skip
     step = np.rint(t / step_s)
     late = np.abs(t - step * step_s) > min(OFF_GRID_S, 0.1 * step_s)
     _refuse(path, line, late, lambda row: (

@@ -7,14 +7,16 @@ Of several datasets each has a folder of its name in it. `path` says how one pat
 `likeliest`, or `geometric_median`.
 """
 
-import itertools
 import json
+import logging
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from modlhmp.exchange.columns import write_columns
 from modlhmp.exchange.forecasts import How, Samples, in_blocks, long_table, read_samples, samples_of
@@ -26,6 +28,8 @@ from modlhmp.storage import DataError, refused, write_text
 
 FORMS = (".csv", ".parquet", ".ndjson")
 MOST_SHEET_BYTES = 1_000_000
+NOBODY_M_S = 10.0  # nobody walks so fast
+_LOG = logging.getLogger("modlhmp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +126,7 @@ def read_hand_in(folder: str | Path, task: Task) -> HandIn:
             f"{beside}: there are up to {samples.most} samples of a track; say how one path comes out of them, "
             '"path": "mean", "likeliest" or "geometric_median"'
         )
+    _warn_of_jumps(file, samples, task)
     which = np.full(about["tasks"], -1)
     which[samples.track_id] = np.arange(len(samples.track_id))
     return HandIn(file, sheet, samples, which, task)
@@ -134,10 +139,12 @@ def _check_against(file: Path, samples: Samples, about: Mapping[str, Any]) -> No
         raise DataError(f"{file}: it has no forecasts")
     known = (samples.track_id >= 0) & (samples.track_id < tasks)
     if not known.all():
-        of = int(np.argmax(~known))
+        strangers = np.flatnonzero(~known)
+        of = int(strangers[samples.line[strangers].argmin()])
+        whole = re.fullmatch(r"(\d+)\.0*", samples.name(of))
         raise DataError(
             f"{file}, row {samples.line[of]}: track_id {samples.name(of)} is not in the task; its tracks are 0 to "
-            f"{tasks - 1}, as in its observations"
+            f"{tasks - 1}, as in its observations" + (f": whole numbers, so write {whole[1]}" if whole else "")
         )
     if samples.t0.any():
         of = int(np.argmax(samples.t0 != 0))
@@ -159,6 +166,19 @@ def _check_against(file: Path, samples: Samples, about: Mapping[str, Any]) -> No
         )
 
 
+def _warn_of_jumps(file: Path, samples: Samples, task: Task) -> None:
+    """Warn where a future begins farther from the last observed position than anybody walks in a time step."""
+    walker = np.repeat(samples.track_id, np.diff(samples.first))
+    away = np.linalg.norm(samples.xy[samples.begin[:-1]] - task.start[walker], axis=1)
+    far = np.unique(walker[away > NOBODY_M_S * task.about["time_step_s"]])
+    if len(far):
+        _LOG.warning(
+            "%s: %d of %d tracks, first %d, have a step 1 that is up to %.4g m from where they were seen last: is "
+            "everything in m, in the recording's frame?",
+            file, len(far), len(samples.track_id), far[0], away.max(),
+        )  # fmt: skip
+
+
 def write_hand_in(
     folder: str | Path,
     task: Task,
@@ -168,7 +188,8 @@ def write_hand_in(
     """Write forecasts of ours, {recording: as `files.read_forecasts` gives them}, as a hand-in of the task.
 
     What each method gives as its result is written: one path, its ranked futures, or its modes with probabilities; of
-    several seeds the first. Returns the files.
+    several seeds the first. Tracks stand in the order of their numbers: that of the recordings tells who came when. A
+    file of forecasts that an earlier export left in another form is removed. Returns the files.
     """
     file = Path(folder) / f"forecasts.{form}"
     blocks = [
@@ -177,13 +198,20 @@ def write_hand_in(
     most = max((one.xy.shape[1] for _, one in blocks), default=1)
     if form == "ndjson":
         observed, steps, step_s = (task.about[name] for name in ("observed_rows", "steps", "time_step_s"))
-        lines = (
-            predictions_as_lines(ids, ids, ids * (observed + steps) + observed - 1, one, observed, step_s)
-            for ids, one in blocks
+        places = sorted(
+            (number, at, row) for at, (of, _) in enumerate(blocks) for row, number in enumerate(of.tolist())
         )
-        write_lines(itertools.chain.from_iterable(lines), file)
+        lines: list[str] = []
+        for number, at, row in places:
+            xy, fitness, alive = (part[row : row + 1] for part in blocks[at][1][:3])
+            one, ids = Forecast(xy, fitness, alive, blocks[at][1].output), np.array([number])
+            lines += predictions_as_lines(ids, ids, ids * (observed + steps) + observed - 1, one, observed, step_s)
+        write_lines(lines, file)
     else:
-        write_columns((long_table(ids, np.zeros(len(ids)), one) for ids, one in blocks), file)
+        tables = [long_table(ids, np.zeros(len(ids)), one) for ids, one in blocks]
+        write_columns([pa.concat_tables(tables).sort_by("track_id")], file)
+    for suffix in set(FORMS) - {file.suffix}:  # which would pass for forecasts of this task, by the sheet
+        file.with_suffix(suffix).unlink(missing_ok=True)
     sheet = {"task": task.about["task"], **({"path": "likeliest"} if most > 1 else {})}
     write_text(file.with_suffix(".json"), json.dumps(sheet, indent=1) + "\n")
     return [file, file.with_suffix(".json")]

@@ -24,6 +24,7 @@ from modlhmp.tracks import clock_offsets
 
 SHARES = 10_000  # a histogram that we write counts so many in a cell; readers hold them in 16 bits
 MOST_HEADINGS = 360
+UNDATED = 1  # of a file of ours, days from 1 January 1970: hours of a map have no date
 LATEST_S = 1e11  # of a time in unix s: the year 5138
 Hours = dict[int, pa.Table]
 
@@ -79,7 +80,8 @@ def read_histograms(source: Source, box: Any, site: Site) -> tuple[pa.Table, Hou
     """The STeF-map that FreMEn makes of histograms, its hours, and what was left out.
 
     `box` says `x` and `y` (first and last edge, m), `resolution_m`, `orientations` and the `order` of FreMEn. -1 is
-    "never seen". Each interval's numbers count by the largest of their cell, as where a map is built from tracks.
+    "never seen". Each interval's numbers count by the largest of their cell, as where a map is built from tracks. The
+    hours of a file without a date, as `write_histograms` makes it, stay as they are.
     """
     shape = (*(round((high - low) / box.resolution_m) for low, high in (box.x, box.y)), box.orientations)
     times, counts = _histogram_lines(source, shape, box)
@@ -89,6 +91,7 @@ def read_histograms(source: Source, box: Any, site: Site) -> tuple[pa.Table, Hou
         raise DataError(f"{source.name}: all numbers are 0: the map is empty")
     signals = seen[:, used] / np.maximum(seen[:, used].max(axis=2, keepdims=True), 1)
     local = times + clock_offsets(times, site.timezone) + np.diff(times).min() / 2
+    undated = bool((np.floor(local / DAY_S) == UNDATED).all())
     local -= np.floor(local[0] / DAY_S) * DAY_S
     parts = fremen.analyse(local, signals.reshape(len(times), -1).T, box.order)
     i, j = np.divmod(np.flatnonzero(used), shape[1])
@@ -104,8 +107,13 @@ def read_histograms(source: Source, box: Any, site: Site) -> tuple[pa.Table, Hou
             **dict(zip(("amplitudes", "phases", "periods"), lists, strict=True)),
         }
     ).replace_schema_metadata({"resolution": str(box.resolution_m), "orientations": str(box.orientations)})
-    hours = site.listed_hours or sorted({int(t % DAY_S // 3600) for t in local[seen.any(axis=(1, 2))]})
-    return whole, {hour: evaluate(whole, middle_of_hour(hour)) for hour in hours}, {}
+    of_hour = (local % DAY_S // 3600).astype(int)
+    hours = site.listed_hours or sorted(set(of_hour[seen.any(axis=(1, 2))].tolist()))
+    if not undated:
+        return whole, {hour: evaluate(whole, middle_of_hour(hour)) for hour in hours}, {}
+    counted = {hour: seen[of_hour == hour][:, used].sum(axis=0) for hour in hours}
+    shares = {hour: one / np.maximum(one.sum(axis=1, keepdims=True), 1) for hour, one in counted.items()}
+    return whole, {hour: _table(x, y, one, box.resolution_m) for hour, one in shares.items()}, {}
 
 
 def _histogram_lines(source: Source, shape: tuple[int, ...], box: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -150,7 +158,7 @@ def write_histograms(hours: Mapping[int, pa.Table], site: Site) -> tuple[str, di
         values = np.concatenate([column(table, name) for table in tables])
         edges.append((float(values.min() - step / 2), float(values.max() + step / 2)))
     size = [round((high - low) / step) for low, high in edges]
-    midnight = DAY_S - clock_offsets(np.full(1, DAY_S), site.timezone)[0]
+    midnight = UNDATED * DAY_S - clock_offsets(np.full(1, DAY_S), site.timezone)[0]
     lines = []
     for hour, table in sorted(hours.items()):
         counts = np.zeros((*size, orientations), np.int64)

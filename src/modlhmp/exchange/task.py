@@ -124,7 +124,8 @@ def write_task(
     """Write `task.json`, the observations, neighbours where the task has some, and tracks to train on, if given.
 
     `form`: csv, parquet, or ndjson, TrajNet++'s lines, in which neighbours stand with the observations. Returns the
-    files. Training tracks keep their clock, and have numbers of their own.
+    files. Training tracks keep their clock, and have numbers of their own. In the folder of an earlier task its files
+    are removed: what was asked for then might tell more than is asked for now.
     """
     if form not in FORMS:
         raise DataError(f"form {form!r}: there are {', '.join(FORMS)}")
@@ -150,6 +151,10 @@ def write_task(
         leaks.append(LATER_LEAK.format(every=task.about["forecast_every_s"]))
     about = {**task.about, "neighbours": with_neighbours, "columns": COLUMNS, "leaks": leaks}
     files.append(folder / "task.json")
+    if files[-1].exists():
+        for old in (folder / f"{name}.{of}" for name in ("observations", "neighbours", "training") for of in FORMS):
+            if old not in files:
+                old.unlink(missing_ok=True)
     write_text(files[-1], json.dumps(as_plain(about), indent=1) + "\n")
     return files
 

@@ -10,8 +10,8 @@ from modlhmp import kinds, options
 from modlhmp.datasets import Dataset, folds, load_dataset, validation_part
 from modlhmp.exchange.forms import FORMS
 from modlhmp.exchange.hand_in import hand_in_files, read_sheet
-from modlhmp.exchange.maps import kind_in, map_files
-from modlhmp.exchange.parquet import PARQUET
+from modlhmp.exchange.maps import kind_in, map_files, read_tables
+from modlhmp.exchange.parquet import PARQUET, is_parquet
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.settings import check, unknown
 from modlhmp.storage import DataError
@@ -73,6 +73,11 @@ def _check_entries(run: RunSettings) -> None:
         known = [kind.name for kind in kinds.all_kinds().values() if kind.is_method]
         if not entry.kind:
             raise DataError(f"configuration, methods.{name}: say of which `kind` it is: {', '.join(known)}")
+        if entry.kind in run.methods and entry.kind not in known:
+            raise DataError(
+                f"configuration, methods.{name}.kind: {entry.kind} is a method, no kind: write "
+                f"`inherits: {entry.kind}` to start from its options"
+            )
         if entry.kind not in known:
             raise DataError(
                 unknown(f"configuration, methods.{name}.kind", "kind", entry.kind, known, kinds.NOT_INSTALLED)
@@ -145,9 +150,10 @@ def _check_names(run: RunSettings) -> None:
             raise DataError(
                 f"configuration, studies.training: the map of {name} is a file, so it cannot be built from less data"
             )
-    if not run.kind(run.studies.method).sampled:
+    if (run.studies.beta or run.studies.sampling_radius_m) and not run.kind(run.studies.method).sampled:
         raise DataError(
-            f"configuration, studies.method: {run.studies.method} has no map to sample, so neither beta nor r_s"
+            f"configuration, studies.method: {run.studies.method} has no map to sample, so neither beta nor r_s; name "
+            "another, or leave both lists empty"
         )
     for name, _ in run.ladder.rows:
         if outside := [part for part in run.averaged_parts(name) if run.kind(part).outside]:
@@ -242,6 +248,19 @@ def _check_files(run: RunSettings, data_root: str | Path) -> None:
             raise DataError(f"{where}: {path} holds a map of kind {kind}, but the method is of kind {entry.kind}")
         for file in map_files(path):
             _check_path(where, str(file))
+
+
+def check_maps(run: RunSettings, datasets: Mapping[str, Dataset], data_root: str | Path) -> None:
+    """Read the map files of others that a run needs as its jobs will: what is wrong in them stops it before these."""
+    for name in dict.fromkeys(filter(None, map(run.published, [*run.methods_run, run.studies.method]))):
+        path, form = Path(data_root) / run.entries[name].file, run.entries[name].form or None
+        if is_parquet(path, form):
+            continue
+        for origin_m in {dataset.origin_m for dataset in datasets.values()}:
+            try:
+                read_tables(path, form, origin_m=origin_m)
+            except DataError as error:
+                raise DataError(f"configuration, methods.{name}.file: {error}") from None
 
 
 def _check_horizons(run: RunSettings, dataset: Dataset) -> None:

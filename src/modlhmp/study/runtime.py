@@ -23,6 +23,7 @@ from modlhmp.forecasting.base import Forecast, Forecaster
 from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import usable
+from modlhmp.kinds import find
 from modlhmp.maps.base import hour_files
 from modlhmp.methods import Method, load_map
 from modlhmp.settings import build
@@ -48,6 +49,8 @@ def measure(task: Mapping[str, Any]) -> dict[str, Any]:
     at_start_mb = peak_mb()
     layout, name = Layout(task["run"], task.get("root", ".")), task["dataset"]["name"]
     site, method = build(Site, task["dataset"]), Method.of(task["method"])
+    if not find(method.kind).sampled:
+        raise DataError(f"studies.method: {method.name} has no map to sample, so its runtime is not measured")
     k, steps = method.options.k, site.steps
     path = layout.map_of(name, method)
     mod = load_map(method.kind, path, site, method.options)

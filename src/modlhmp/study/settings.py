@@ -177,7 +177,7 @@ class RunSettings:
     strict: bool = option(False, "whether what checks of the recordings only warn of stops the run as well")
     compare: Annotated[tuple[str, ...], MinLen(1)] = option(meaning="methods to run, in the order of the tables")
     methods: dict[str, MethodEntry] = option(
-        {}, "variants: `name: {kind, title, options}`; every kind is also a method by itself"
+        {}, "variants: `name: {kind, title, options, ...}`, see Methods; every kind is also a method by itself"
     )
     comparisons: Pairs = option((), "pairs [method, against] of the one-sided t-tests, the first expected to be better")
     seeds: Annotated[tuple[WholeFrom0, ...], MinLen(1)] = option((0, 1, 2, 3, 4), "random seeds; results are means")

@@ -25,11 +25,12 @@ def draw(layout: Layout, dataset: Dataset, stem: str, methods: Mapping[str, str]
                 one = rows[(rows["method"] == method) & (rows["protocol"] == protocol)].sort_values("horizon_s")
                 _curve(ax, one, metric, style.method_style(position))
             ax.set_title(title)
-            ax.set_ylim(bottom=0)
             ax.set_xlim(0, dataset.horizon_s)
             if line == 1:
                 ax.set_xlabel("prediction horizon [s]")
             ax.set_ylabel(f"{metric.upper()} [m]")
+    for ax in axes[0]:  # once both lines of axes, which share theirs, are drawn: it ends their scaling
+        ax.set_ylim(bottom=0)
     handles = [line for line in axes[0, 0].get_lines() if line.get_marker() != "None"]
     labels = [f"{title} ({_counts(rows, method)})" for method, title in methods.items()]
     note = (

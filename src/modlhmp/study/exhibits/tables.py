@@ -183,8 +183,8 @@ def _at(rows, methods, protocol, horizon):
 def _errors(at, *names):
     """`ADE / FDE` of each row, the best of each in bold."""
     names = names or ("ade_m", "fde_m")
-    best = [at[name].idxmin() if at[name].notna().any() else None for name in names]
-    return [" / ".join(_bold(at.loc[m, name], m == b) for name, b in zip(names, best, strict=True)) for m in at.index]
+    shown = [at[name].map("{:.3f}".format).astype(float) for name in names]  # all that print like the best are best
+    return [" / ".join(_bold(one[m], one[m] == one.min()) for one in shown) for m in at.index]
 
 
 def _count(row):

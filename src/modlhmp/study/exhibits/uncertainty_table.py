@@ -65,8 +65,9 @@ def draw(
     for name, heading in shown.items():
         cells = rows[name].map(FORMS.get(name, "{:.3f}").format).where(rows[name].notna(), "–")
         if name in BEST:
-            lowest = rows.groupby(["dataset", "horizon_s"], observed=True)[name].transform("min")
-            cells = cells.where(rows[name] != lowest, "**" + cells + "**")
+            printed = pd.to_numeric(cells, errors="coerce")  # of values that print alike all are lowest
+            lowest = printed.groupby([rows["dataset"], rows["horizon_s"]], observed=True).transform("min")
+            cells = cells.where(printed != lowest, "**" + cells + "**")
         table[heading] = cells
     for title, reason in others.items():
         for dataset in datasets:
