@@ -61,7 +61,8 @@ def draw_map(
         xy = _walks(ax, kind, table)
     else:
         x, y, heading, length, alpha = _arrows_of(kind, table)
-        xy = np.column_stack([x, y])
+        tips = np.column_stack([x + length * np.cos(heading), y + length * np.sin(heading)])
+        xy = np.vstack([np.column_stack([x, y]), tips])
         frame(ax, xy)
         arrows(ax, x, y, heading, length, alpha)
     frame(ax, xy)
@@ -177,10 +178,15 @@ def draw_path(
     arrows(ax, x, y, heading, length, 0.5 * alpha)
     if floor_plan is not None:
         draw_walls(ax, floor_plan)
-    line = LineCollection(list(np.stack([way - half, way + half], axis=1)), cmap="inferno_r", linewidths=4, zorder=3)
-    line.set_array(cost.upstream)
+    pieces, known = np.stack([way - half, way + half], axis=1), cost.mapped
+    line = LineCollection(list(pieces[known]), cmap="inferno_r", linewidths=4, zorder=3)
+    line.set_array(cost.upstream[known])
     line.set_clim(0, max(float(cost.upstream.max()), 0.1))
     ax.add_collection(line)
+    if not known.all():
+        beyond = np.where(known[:, None], np.nan, way)
+        ax.plot(*beyond.T, "--", color="0.5", linewidth=3, zorder=3, label="the map knows nobody here")
+        ax.legend(frameon=False)
     ax.plot(*way[0], "o", color="black", markersize=9, zorder=4)
     ax.plot(*way[-1], "X", color="black", markersize=11, zorder=4)
     figure.colorbar(line, ax=ax, shrink=0.6, label="upstream cost per metre (from o to x)")

@@ -108,7 +108,7 @@ def info(
         if "location" in table.column_names:
             facts.append(f"{pa.compute.count_distinct(table['location']).as_py()} locations")
         if (box := box_of([table])) is not None:
-            facts.append(f"x {box[0, 0]:.4g} to {box[1, 0]:.4g} m, y {box[0, 1]:.4g} to {box[1, 1]:.4g} m")
+            facts.append(f"x {box[0, 0]:.9g} to {box[1, 0]:.9g} m, y {box[0, 1]:.9g} to {box[1, 1]:.9g} m")
         facts += [
             f"{key.decode()} {value.decode()}"
             for key, value in (table.schema.metadata or {}).items()
@@ -145,7 +145,8 @@ def plot(
     """
     loaded = _load(a_map, form, Site(), None, options)
     name, table = _at_hour(loaded, hour)
-    pictures.draw_map(loaded.kind, table, out, f"{Path(a_map).name}, {loaded.kind}, {name}", floor_plan)
+    of = [Path(a_map).name, loaded.kind, *([name] if loaded.hours else [])]
+    pictures.draw_map(loaded.kind, table, out, ", ".join(of), floor_plan)
     _say(f"Written: {out}")
 
 
@@ -213,9 +214,13 @@ def compare(
     loaded = [_load(path, its, Site(), None, None) for path, its in ((ours, form), (theirs, other_form))]
     shared = [one for one in loaded[0].hours if one in loaded[1].hours]
     hour = shared[0] if hour is None and shared else hour
-    found = [flows(one.kind, _at_hour(one, hour)[1]) for one in loaded]
+    named = [_at_hour(one, hour if one.hours else None) for one in loaded]
+    found = [flows(one.kind, table) for one, (_, table) in zip(loaded, named, strict=True)]
     places = compare_flows(*found)
     lines = [f"{len(found[0].x)} and {len(found[1].x)} places, {len(places['x'])} of the first near one of the second"]
+    if any(one.hours for one in loaded):
+        of = [name if one.hours else "all hours" for one, (name, _) in zip(loaded, named, strict=True)]
+        lines.insert(0, f"of the map {of[0]}, of the other {of[1]}")
     if len(places["x"]):
         lines += [
             f"direction: {_spread(places['direction'], '')} of the probability goes elsewhere (0: the same, 1: all)",
