@@ -61,8 +61,7 @@ def draw_map(
         xy = _walks(ax, kind, table)
     else:
         x, y, heading, length, alpha = _arrows_of(kind, table)
-        tips = np.column_stack([x + length * np.cos(heading), y + length * np.sin(heading)])
-        xy = np.vstack([np.column_stack([x, y]), tips])
+        xy = _ends(x, y, heading, length)
         frame(ax, xy)
         arrows(ax, x, y, heading, length, alpha)
     frame(ax, xy)
@@ -145,6 +144,12 @@ def _arrows_of(kind: str, table: pa.Table) -> tuple[np.ndarray, ...]:
     return x, y, heading, length, found.max(axis=1, initial=0)
 
 
+def _ends(x: np.ndarray, y: np.ndarray, heading: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Where arrows begin, and their tips [2 n, 2]."""
+    tips = np.column_stack([x + length * np.cos(heading), y + length * np.sin(heading)])
+    return np.vstack([np.column_stack([x, y]), tips])
+
+
 def _walks(ax: "Axes", kind: str, table: pa.Table) -> np.ndarray:
     """Draw some walks that a map stores, by the direction from first to last; returns their positions [n, 2]."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415
@@ -174,7 +179,8 @@ def draw_path(
     half = 0.5 * cost.length[:, None] * np.column_stack([np.cos(cost.direction), np.sin(cost.direction)])
     x, y, heading, length, alpha = _arrows_of(kind, table)
     near = np.hypot(x[:, None] - way[::4, 0], y[:, None] - way[::4, 1]).min(axis=1) < NEAR_M
-    frame(ax, np.vstack([way, np.column_stack([x, y])[near]]))
+    x, y, heading, length, alpha = (part[near] for part in (x, y, heading, length, alpha))
+    frame(ax, np.vstack([way, _ends(x, y, heading, length)]))
     arrows(ax, x, y, heading, length, 0.5 * alpha)
     if floor_plan is not None:
         draw_walls(ax, floor_plan)

@@ -198,6 +198,9 @@ def test_what_the_map_does_not_know_is_drawn_apart(tmp_path, monkeypatch):
     (known,) = (one for one in ax.collections if isinstance(one, LineCollection))
     (unknown,) = (one for one in ax.lines if one.get_linestyle() == "--")
     assert len(known.get_segments()) == len(known.get_array()) == cost.mapped.sum()
+    (flow,) = (one for one in ax.collections if hasattr(one, "XY"))
+    assert ax.get_xlim()[1] > (flow.XY[:, 0] + flow.U).max(), "arrows are whole"
+    assert ax.get_ylim()[1] > flow.XY[:, 1].max(), "and those that are far away are left out"
     assert np.isfinite(unknown.get_xdata()).sum() == (~cost.mapped).sum() > 0
     assert np.nanmin(unknown.get_xdata()) > max(x for segment in known.get_segments() for x in segment[:, 0])
 
