@@ -23,7 +23,6 @@ from modlhmp.arguments import (
     uses_recorded,
 )
 from modlhmp.cleaning import check_rules, clean_recording
-from modlhmp.exchange.forms import FORMS, find_form
 from modlhmp.exchange.maps import imported, read_tables, write_tables
 from modlhmp.exchange.parquet import PARQUET, is_parquet, read_ours
 from modlhmp.file_format import FileFormat, Recording, check_format
@@ -45,7 +44,6 @@ from modlhmp.tracks import read_tracks as read_clean_tracks
 
 KEY = ("modlhmp", "forecast", "")  # takes the place of (dataset, method, recording) in the random numbers
 MOST_POSITIONS = 500_000_000  # of a forecast; more would not fit in memory
-SUFFIXES = {".parquet", *(form.suffix for form in FORMS)}  # of maps that are files
 LONGEST_S = 3600.0  # of a forecast; more is a wrong unit
 
 
@@ -135,14 +133,10 @@ class Map:
         `header=True`. `DataError` where that form cannot carry the map.
         """
         path, hourly = path_of("Map.save", path), find(self.kind).hourly
-        if path.suffix in SUFFIXES and hourly and (form == PARQUET or find_form(form).write is not None):
-            raise DataError(
-                f"{path}: a map of kind {self.kind} is a folder of hours; give a name without {path.suffix}"
-            )
         if form != PARQUET:
             write_tables(path, self.kind, self.whole, self.hours, form, self.site, **how)
             return
-        if not hourly and path.suffix not in {"", ".parquet"}:
+        if path.suffix in {".csv", ".xml", ".txt"}:
             raise DataError(f"{path}: form parquet under this name; name its form, such as xml, or end in .parquet")
         if how:
             raise DataError(f"Map.save: {next(iter(how))}: form parquet has no options; leave it out")

@@ -100,6 +100,9 @@ def test_what_cannot_be_built(folder, tmp_path, monkeypatch, capsys):
     assert "did you mean 'resolution_m'" in refused(
         monkeypatch, capsys, "build", "cliff", tracks, "--out", out, "--set", "resolution=2"
     )
+    assert "a map of kind tc_cliff is a folder of hours; give a name without .parquet" in refused(
+        monkeypatch, capsys, "build", "tc_cliff", tracks, "--out", out
+    )
     assert "give NAME=VALUE" in said("build", "cliff", tracks, "--out", out, "--set", "5", status=2)[1]
     assert not out.exists()
 
@@ -247,7 +250,10 @@ def test_convert_needs_what_a_form_does_not_say(folder, tmp_path, caplog):
         (("tc_cliff", "-", "--to", "matlab"), "a map of kind tc_cliff is a folder of hours in form matlab"),
         (("cliff.parquet", "b.parquet", "--origin", "1", "1"), "it holds its site and its frame itself"),
         (("cliff.parquet", "b.xml", "--header"), "unknown key 'header'"),
-        (("cliff.parquet", "b.frob"), "b.frob: form parquet under this name; name its form, such as xml, or end in"),
+        (
+            ("cliff.parquet", "b.frob"),
+            "b.frob: form parquet under this name; name its form, such as xml, by --to, or end in",
+        ),
         (("tc_cliff", "b.csv", "--to", "matlab"), "b.csv: a map of kind tc_cliff is a folder of hours"),
         (
             ("tc_cliff", "b.parquet"),

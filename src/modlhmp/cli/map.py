@@ -13,9 +13,10 @@ import typer
 from modlhmp import api, pictures
 from modlhmp.cli.app import app
 from modlhmp.exchange import maps as exchange
-from modlhmp.exchange.forms import BY_NAME, recognise
+from modlhmp.exchange.forms import BY_NAME, FORMS, find_form, recognise
 from modlhmp.exchange.parquet import PARQUET
 from modlhmp.exchange.rows import read_source, table_text
+from modlhmp.kinds import find
 from modlhmp.maps import stef
 from modlhmp.maps.base import box_of
 from modlhmp.maps.columns import METADATA, described
@@ -84,7 +85,7 @@ def build(
     else:
         raise DataError(f"{tracks}: describe it first: modlhmp inspect {tracks} > {tracks.stem}.yaml")
     made = api.build_map(kind, walked, site, **_options(options))
-    made.save(out)
+    _save(made, out)
     _say(f"{out}: {_summary(made)}")
 
 
@@ -179,7 +180,7 @@ def convert(
     loaded = _load(a_map, form, Site(timezone=timezone), origin, options)
     how = {"header": True} if header else {}
     if out != STREAM:
-        loaded.save(out, form=to, **how)
+        _save(loaded, Path(out), to, **how)
         _say(f"{out}: {_summary(loaded)}, form {to}")
     elif to == PARQUET:
         raise DataError("Parquet does not go to standard output: name a file, or another form by --to")
@@ -249,6 +250,16 @@ def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] |
         raise DataError("standard input: Parquet is not read from a stream: give the file")
     kind, whole, hours = exchange.read_one(source, found, site, **how)
     return api.Map(kind, site, whole, hours)
+
+
+def _save(a_map: api.Map, out: Path, to: str = PARQUET, **how: Any) -> None:
+    """Write a map under a name that says what it is; the library takes any."""
+    in_folder = find(a_map.kind).hourly and (to == PARQUET or find_form(to).write is not None)
+    if in_folder and out.suffix in {f".{PARQUET}", *(form.suffix for form in FORMS)}:
+        raise DataError(f"{out}: a map of kind {a_map.kind} is a folder of hours; give a name without {out.suffix}")
+    if not in_folder and to == PARQUET and out.suffix not in {"", f".{PARQUET}"}:
+        raise DataError(f"{out}: form parquet under this name; name its form, such as xml, by --to, or end in .parquet")
+    a_map.save(out, form=to, **how)
 
 
 def _options(given: list[str] | None) -> dict[str, Any]:
