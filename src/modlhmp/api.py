@@ -205,6 +205,8 @@ def load_map(
     `DataError` names the file, the row, the value and the remedy.
     """
     path = path_of("load_map", path)
+    if not path.exists() and "{hour}" not in path.name:
+        raise DataError(f"{path}: no such file; give the file of a map, or its folder of hours")
     if not is_parquet(path, form):
         of_place = site_of(site)
         kind, whole, hours = read_tables(path, form, of_place, origin_m, **how)

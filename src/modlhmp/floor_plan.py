@@ -59,12 +59,14 @@ def load_floor_plan(path: str | Path) -> FloorPlan:
         raise DataError(f'{path}: reading a floor plan needs Pillow: pip install "modlhmp[plans]"')
     with boundary(path, "cannot be read as a floor plan"):
         settings = _settings_of(path)
-        parts, grey_is_free = [], False
+        parts, grey_is_free, graded = [], False, False
         for pixels in _bands(path, Path(path).parent / settings.image):
             parts.append(part := _cells_of(pixels, settings))
+            if settings.mode == "raw":
+                graded |= bool((np.abs(_raw(pixels) - 50) < 50).any())
             grey_is_free |= bool((part[255 * pixels.colour == _SAVED_UNKNOWN * pixels.white] == FREE).any())
         cells = np.concatenate(parts)
-    if not (cells == OCCUPIED).any():
+    if not (cells == OCCUPIED).any() and not graded:  # probabilities, of which none need be 1
         _LOG.warning("%s: no cell is occupied; check `mode`, `negate` and the thresholds", path)
     if grey_is_free and settings.mode == "trinary" and not settings.negate:
         remedy = "write free_thresh: 0.196" + (" and save the image without alpha" if pixels.alpha is not None else "")
@@ -230,12 +232,17 @@ def _pixels(image, wide):
     return _Pixels(np.asarray(image.convert("RGB")).sum(axis=2, dtype=np.int32), None, 765)
 
 
+def _raw(image):
+    """Values of map_server's grid [rows, columns] that an image of mode `raw` has."""
+    return np.floor(255 * image.colour / image.white + 0.5)
+
+
 def _cells_of(image, settings):
     """FREE, UNKNOWN or OCCUPIED for each pixel [rows, columns], see `load_floor_plan`."""
     shade, white = image.colour, image.white
     cells = np.full(shade.shape, UNKNOWN, np.uint8)
     if settings.mode == "raw":
-        value = np.floor(255 * shade / white + 0.5)
+        value = _raw(image)
         cells[value == 100], cells[value == 0] = OCCUPIED, FREE
         return cells
     if settings.mode == "trinary" and image.alpha is not None:

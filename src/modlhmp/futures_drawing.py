@@ -11,6 +11,8 @@ from modlhmp.storage import DataError, atomic_path
 from modlhmp.tracks import Tracks
 
 MOST_WALKERS, MOST_SAMPLES = 30, 50
+PANEL_IN, BESIDE_IN = 6.0, 1.4  # the longer side of the panel; title, key and numbers beside it
+FLATTEST = 0.2  # the shorter side of the panel by the longer
 
 
 def draw_futures(futures: Futures, history: Tracks, title: str, path: str | Path) -> None:
@@ -19,7 +21,7 @@ def draw_futures(futures: Futures, history: Tracks, title: str, path: str | Path
         from matplotlib.figure import Figure  # noqa: PLC0415 - only the study installs it
     except ImportError:
         raise DataError("drawing needs matplotlib: pip install 'modlhmp[study]'") from None
-    figure = Figure(figsize=(7, 6), layout="constrained")
+    figure = Figure(layout="constrained")
     axes = figure.add_subplot()
     forecast = futures.forecast
     result = futures.best if forecast.output == "mean" else best_path(forecast)[0]
@@ -39,8 +41,14 @@ def draw_futures(futures: Futures, history: Tracks, title: str, path: str | Path
     axes.set_aspect("equal")
     of = f"{shown} of {len(futures.track_id)} people, " if shown < len(futures.track_id) else ""
     axes.set(xlabel="x / m", ylabel="y / m", title=f"{title}\n{of}{futures.times_s[-1]:g} s")
+    limits = np.array([axes.get_xlim(), axes.get_ylim()])
+    sides = np.ptp(limits, axis=1)
+    sides = np.maximum(sides, FLATTEST * sides.max())
+    limits = limits.mean(axis=1)[:, None] + np.outer(sides, [-0.5, 0.5])
+    axes.set(xlim=limits[0], ylim=limits[1])
+    figure.set_size_inches(*(PANEL_IN * sides / sides.max() + BESIDE_IN))
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=130)
+        figure.savefig(temporary, format="png", dpi=130, bbox_inches="tight")
 
 
 def _samples(forecast: Forecast, walker: int) -> zip:

@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from modlhmp.arguments import LATEST_S
 from modlhmp.forecasting.occupancy import Occupancy, counted_steps
 from modlhmp.futures import Futures
-from modlhmp.live import Live, is_row
+from modlhmp.live import FARTHEST_M, Live, is_row
 
 MOST_BYTES = 65_536  # of a line
 LEAST_SHOWN = 0.01  # probability of a cell
@@ -35,22 +36,46 @@ def batches(source: int) -> Iterator[list[bytes]]:
     yield [rest]
 
 
-def row_of(line: bytes) -> Row | None:
-    """t, id, x, y of a line, the id None where time alone is told; None where the line is neither."""
+def row_of(line: bytes) -> Row | str:
+    """t, id, x, y of a line, the id None where time alone is told; of a line that is neither, why."""
+    if len(line) > MOST_BYTES:
+        return f"longer than {MOST_BYTES} bytes"
     try:
-        read = json.loads(line, parse_constant=_not_a_number) if len(line) <= MOST_BYTES else None
+        read = json.loads(line, parse_constant=_not_a_number)
+    except _NotANumberError as error:
+        return str(error)
     except (ValueError, RecursionError):
-        return None
+        return "not JSON"
     if not isinstance(read, dict):
-        return None
+        return 'not {...}, such as {"t": 1351042800.1, "id": 7, "x": 1.5, "y": -3.0}'
     t, who, x, y = (read.get(name) for name in ("t", "id", "x", "y"))  # type: Any, Any, Any, Any
-    if who is None and is_row(t, 0, 0.0, 0.0):
+    if who is None and x is None and y is None and is_row(t, 0, 0.0, 0.0):
         return float(t), None, 0.0, 0.0
-    return (float(t), who, float(x), float(y)) if is_row(t, who, x, y) else None
+    return (float(t), who, float(x), float(y)) if is_row(t, who, x, y) else _why(read)
+
+
+class _NotANumberError(ValueError):
+    pass
 
 
 def _not_a_number(name: str) -> float:
-    raise ValueError(f"{name} is no number of JSON")
+    raise _NotANumberError(f"{name} is no number of JSON")
+
+
+def _why(read: dict[str, Any]) -> str:
+    """What is wrong with an object that `is_row` refuses."""
+    for name in ("t", *(("id", "x", "y") if {"id", "x", "y"} & read.keys() else ())):
+        value = read.get(name)
+        if value is None:
+            return f"no {name}; it has {', '.join(sorted(map(str, read)))[:100] or 'nothing'}"
+        if isinstance(value, bool | list | dict) or (name != "id" and isinstance(value, str)):
+            what = {bool: "true or false", list: "a list", dict: "an object", str: "text"}[type(value)]
+            return f"{name} is {what}, not a number{' or text' * (name == 'id')}"
+        if name == "t" and not abs(value) < LATEST_S:
+            return f"t {str(value)[:20]} is beyond the year 5138: in ms? Give s"
+        if name in {"x", "y"} and not abs(value) < FARTHEST_M:
+            return f"{name} {str(value)[:20]} is beyond 10,000 km: in m?"
+    return f"id {read['id']!r} is nobody's"
 
 
 class Moments:
@@ -75,23 +100,25 @@ def forecasts(
     source: Iterable[Sequence[bytes]],
     every_s: float,
     latest: bool = False,
-    problem: Callable[[int, bytes], None] = lambda number, line: None,
+    problem: Callable[[int, bytes, str], None] = lambda number, line, why: None,
 ) -> Iterator[tuple[float, Futures]]:
     """(t0, futures) at every moment that has come; with `latest` at most one for each batch of lines, the newest.
 
-    `problem` is told the number, from 1, and the text of a line that is none.
+    `problem` is told the number, from 1, and the text of a line that is none, and why it is none.
     """
     moments, number = Moments(every_s), 0
     for lines in source:
         rows: list[Row] = []
         for line in lines:
             number += 1
-            row = row_of(line) if line.strip() else None
-            if row is not None:
-                rows.append(row)
-            elif line.strip():
+            if not line.strip():
+                continue
+            row = row_of(line)
+            if isinstance(row, str):
                 live.counts["bad"] += 1
-                problem(number, line)
+                problem(number, line, row)
+            else:
+                rows.append(row)
         chosen = _last_due(rows, copy.copy(moments)) if latest else None
         for place, (t, who, x, y) in enumerate(rows):
             moment = moments.passed(t, reached=who is None)

@@ -61,7 +61,7 @@ def draw_map(
         xy = _walks(ax, kind, table)
     else:
         x, y, heading, length, alpha = _arrows_of(kind, table)
-        xy = np.column_stack([x, y])
+        xy = _ends(x, y, heading, length)
         frame(ax, xy)
         arrows(ax, x, y, heading, length, alpha)
     frame(ax, xy)
@@ -144,6 +144,12 @@ def _arrows_of(kind: str, table: pa.Table) -> tuple[np.ndarray, ...]:
     return x, y, heading, length, found.max(axis=1, initial=0)
 
 
+def _ends(x: np.ndarray, y: np.ndarray, heading: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Where arrows begin, and their tips [2 n, 2]."""
+    tips = np.column_stack([x + length * np.cos(heading), y + length * np.sin(heading)])
+    return np.vstack([np.column_stack([x, y]), tips])
+
+
 def _walks(ax: "Axes", kind: str, table: pa.Table) -> np.ndarray:
     """Draw some walks that a map stores, by the direction from first to last; returns their positions [n, 2]."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415
@@ -173,14 +179,20 @@ def draw_path(
     half = 0.5 * cost.length[:, None] * np.column_stack([np.cos(cost.direction), np.sin(cost.direction)])
     x, y, heading, length, alpha = _arrows_of(kind, table)
     near = np.hypot(x[:, None] - way[::4, 0], y[:, None] - way[::4, 1]).min(axis=1) < NEAR_M
-    frame(ax, np.vstack([way, np.column_stack([x, y])[near]]))
+    x, y, heading, length, alpha = (part[near] for part in (x, y, heading, length, alpha))
+    frame(ax, np.vstack([way, _ends(x, y, heading, length)]))
     arrows(ax, x, y, heading, length, 0.5 * alpha)
     if floor_plan is not None:
         draw_walls(ax, floor_plan)
-    line = LineCollection(list(np.stack([way - half, way + half], axis=1)), cmap="inferno_r", linewidths=4, zorder=3)
-    line.set_array(cost.upstream)
+    pieces, known = np.stack([way - half, way + half], axis=1), cost.mapped
+    line = LineCollection(list(pieces[known]), cmap="inferno_r", linewidths=4, zorder=3)
+    line.set_array(cost.upstream[known])
     line.set_clim(0, max(float(cost.upstream.max()), 0.1))
     ax.add_collection(line)
+    if not known.all():
+        beyond = np.where(known[:, None], np.nan, way)
+        ax.plot(*beyond.T, "--", color="0.5", linewidth=3, zorder=3, label="the map knows nobody here")
+        ax.legend(frameon=False)
     ax.plot(*way[0], "o", color="black", markersize=9, zorder=4)
     ax.plot(*way[-1], "X", color="black", markersize=11, zorder=4)
     figure.colorbar(line, ax=ax, shrink=0.6, label="upstream cost per metre (from o to x)")

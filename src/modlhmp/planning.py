@@ -19,7 +19,9 @@ d [1/m2], a robot of velocity v and width w meets d w |v - u| a second: few who 
 """
 
 import dataclasses
+import logging
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,8 @@ FARTHEST = 10.0  # Mahalanobis distance; what is farther counts as much
 PIECE_M = 0.25  # a path is cut into pieces of at most this length
 DIRECTIONS = 36  # of people whom a robot meets
 MOST_PIECES = 1_000_000
+HALF = 0.5  # of a path: a map that knows less of it is told
+_LOG = logging.getLogger("modlhmp")
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,9 @@ def path_cost(
     for name, value in (("speed_m_s", speed_m_s), ("width_m", width_m)):
         if not (np.isscalar(value) and 0 < value < 100):  # type: ignore[operator]
             raise DataError(f"path_cost: {name} {value!r}: give a number above 0 and below 100")
+    for name, value in (("people", 0 if people is None else people), ("delay_s", delay_s)):
+        if not (isinstance(value, Real) and 0 <= value < np.inf):
+            raise DataError(f"path_cost: {name} {value!r}: give a number of at least 0")
     x, y, direction, length = _pieces(xy)
     kind, table = _table_at(a_map, t)
     places = _Places(table, kind)
@@ -136,7 +143,15 @@ def path_cost(
         costs[:, piece] = found
     costs[2] *= crowd * width_m / (np.pi * places.radius**2) / speed_m_s
     upstream, down, met = costs
-    return PathCost(x, y, direction, length, mapped, upstream, down, met, speed_m_s, delay_s, (kind, table))
+    cost = PathCost(x, y, direction, length, mapped, upstream, down, met, speed_m_s, delay_s, (kind, table))
+    if cost.mapped_share < HALF:
+        _LOG.warning(
+            "path_cost: the map knows %.0f %% of the path; where it knows nobody, costs are 0: see `mapped`",
+            100 * cost.mapped_share,
+        )
+    if np.isnan(crowd):
+        _LOG.warning("path_cost: the map does not say how many people there are, so no time: give `people`")
+    return cost
 
 
 def _pieces(xy: np.ndarray) -> tuple[np.ndarray, ...]:

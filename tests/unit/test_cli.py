@@ -1,6 +1,9 @@
 """The command `modlhmp`."""
 
+import os
 import re
+import subprocess
+import sys
 
 import pytest
 from typer.testing import CliRunner
@@ -56,3 +59,15 @@ def test_a_kind_that_is_none_is_one_line(monkeypatch, capsys, name, hint):
         main()
     assert ended.value.code == 1
     assert capsys.readouterr().err.strip() == f"kind: no kind named '{name}'; {hint}"
+
+
+@pytest.mark.parametrize("arguments", [["kinds"], ["kinds", "cliff"], ["--help"]])
+def test_a_reader_that_goes_is_no_error(arguments):
+    """As of `modlhmp kinds | true`: status 0, as `live` has it, and nothing on the standard error."""
+    source, sink = os.pipe()
+    os.close(source)
+    done = subprocess.run(
+        [sys.executable, "-m", "modlhmp.cli", *arguments], stdout=sink, stderr=subprocess.PIPE, check=False, timeout=100
+    )
+    os.close(sink)
+    assert (done.returncode, done.stderr) == (0, b"")

@@ -132,6 +132,42 @@ def test_a_picture_beside_the_file(folder, tmp_path):
     assert (tmp_path / "f.png").stat().st_size > 10_000
 
 
+@pytest.mark.parametrize("way", [(1.2, 0.0), (0.0, 1.2), (0.8, 0.8)])
+def test_a_picture_is_as_flat_as_what_it_shows_and_names_the_files(tmp_path, monkeypatch, way):
+    """The panel fills the figure, and the title has the files' names, not their paths."""
+    import matplotlib.figure  # noqa: PLC0415
+
+    drawn = []
+    saved = matplotlib.figure.Figure.savefig
+    monkeypatch.setattr(
+        matplotlib.figure.Figure,
+        "savefig",
+        lambda figure, *given, **more: [drawn.append(figure), saved(figure, *given, **more)],
+    )
+    walk = "".join(f"1,{t},{way[0] * t},{way[1] * t}\n" for t in range(9))
+    (tmp_path / "walk.csv").write_text("track_id,t,x,y\n" + walk)
+    said("forecast", "--map", "cvm", "--tracks", tmp_path / "walk.csv", "--horizon", 30, "--out", tmp_path / "f.csv",
+         "--plot")  # fmt: skip
+    (axes,) = drawn[0].axes
+    assert axes.get_title() == "cvm, walk.csv\n30 s"
+    shown = axes.get_position()
+    assert shown.width * shown.height > 0.3
+    assert drawn[0].get_size_inches().max() <= 9
+
+
+def test_where_nobody_has_a_forecast_nothing_is_written(folder, tmp_path):
+    """Of people far from the map: status 1, in place of a file of a header."""
+    of = pd.read_csv(folder / "walks.csv")
+    of.assign(x=of["x"] + 5e5).to_csv(tmp_path / "far.csv", index=False)
+    with pytest.raises(
+        modlhmp.DataError, match=r"far.csv: nobody has a forecast: the map tells nothing where they are"
+    ):
+        said(
+            "forecast", "--map", folder / "hall.parquet", "--tracks", tmp_path / "far.csv", "--out", tmp_path / "f.csv"
+        )
+    assert not (tmp_path / "f.csv").exists()
+
+
 def test_rows_at_a_higher_rate_are_brought_to_the_time_step(folder, tmp_path):
     """A table at 5 Hz gives about the forecast of the same walks at 1 Hz."""
     of = pd.read_csv(folder / "walks.csv")
@@ -197,6 +233,9 @@ def test_a_file_whose_form_is_in_doubt(tmp_path):
         (("--option", "velocity"), "--option 'velocity': write NAME=VALUE"),
         (("--at", 5), "--at 5: nobody in"),
         (("--seed", -1), "--seed -1: give a whole number"),
+        (("--map", "stef"), "--map stef: a kind of map, not a map: build one by `modlhmp map build stef`"),
+        (("--map", "hal.parquet"), "hal.parquet: no such file; give the file of a map, or its folder of hours"),
+        (("--out", "f.frob", "--tracks", "nowhere.csv"), "--out f.frob: the name must end in"),  # before all else
     ],
 )
 def test_bad_arguments(folder, more, told):

@@ -100,6 +100,9 @@ def test_what_cannot_be_built(folder, tmp_path, monkeypatch, capsys):
     assert "did you mean 'resolution_m'" in refused(
         monkeypatch, capsys, "build", "cliff", tracks, "--out", out, "--set", "resolution=2"
     )
+    assert "a map of kind tc_cliff is a folder of hours; give a name without .parquet" in refused(
+        monkeypatch, capsys, "build", "tc_cliff", tracks, "--out", out
+    )
     assert "give NAME=VALUE" in said("build", "cliff", tracks, "--out", out, "--set", "5", status=2)[1]
     assert not out.exists()
 
@@ -151,6 +154,21 @@ def test_plot(folder, tmp_path, name):
     picture = np.asarray(Image.open(tmp_path / "map.png").convert("RGB")).reshape(-1, 3).astype(int)
     coloured = np.ptp(picture, axis=1) > 60
     assert coloured.sum() > 3000, "arrows and the key have colours"
+
+
+def test_arrows_are_whole_and_the_title_says_no_more_than_there_is(folder, tmp_path, monkeypatch):
+    from modlhmp import pictures  # noqa: PLC0415
+
+    drawn = []
+    monkeypatch.setattr(pictures, "save", lambda figure, path: drawn.append(figure.axes[0]))
+    for name, title in (("cliff.csv", "cliff.csv, cliff"), ("tc_cliff", "tc_cliff, tc_cliff, 7:00 to 8:00")):
+        said("plot", folder / name, "--out", tmp_path / "map.png")
+        ax = drawn[-1]
+        assert ax.get_title() == title
+        (arrows,) = (one for one in ax.collections if hasattr(one, "XY"))
+        for axis, part, along in ((ax.get_xlim(), 0, arrows.U), (ax.get_ylim(), 1, arrows.V)):
+            tips = arrows.XY[:, part] + along
+            assert axis[0] < tips.min() and tips.max() < axis[1]
 
 
 def test_plot_over_a_floor_plan(folder, tmp_path):
@@ -232,6 +250,15 @@ def test_convert_needs_what_a_form_does_not_say(folder, tmp_path, caplog):
         (("tc_cliff", "-", "--to", "matlab"), "a map of kind tc_cliff is a folder of hours in form matlab"),
         (("cliff.parquet", "b.parquet", "--origin", "1", "1"), "it holds its site and its frame itself"),
         (("cliff.parquet", "b.xml", "--header"), "unknown key 'header'"),
+        (
+            ("cliff.parquet", "b.frob"),
+            "b.frob: form parquet under this name; name its form, such as xml, by --to, or end in",
+        ),
+        (("tc_cliff", "b.csv", "--to", "matlab"), "b.csv: a map of kind tc_cliff is a folder of hours"),
+        (
+            ("tc_cliff", "b.parquet"),
+            "b.parquet: a map of kind tc_cliff is a folder of hours; give a name without .parquet",
+        ),
     ],
 )
 def test_what_is_not_converted(folder, monkeypatch, capsys, arguments, message):
@@ -250,6 +277,7 @@ def test_what_is_not_converted(folder, monkeypatch, capsys, arguments, message):
 
 def test_a_map_is_like_itself(folder):
     text, _ = said("compare", folder / "cliff.parquet", folder / "cliff.csv")
+    assert "of the map" not in text
     direction = float(re.search("direction: median 0, 90th percentile ([^ ]+) of the probability", text)[1])
     assert direction < 1e-6
     assert "speed: median 0 m/s, 90th percentile 0 m/s" in text
@@ -258,6 +286,11 @@ def test_a_map_is_like_itself(folder):
 def test_maps_of_two_kinds(folder):
     text, _ = said("compare", folder / "tc_cliff", folder / "stef", "--hour", 8)
     assert "speed: one of the maps has none" in text
+    assert "of the map 8:00 to 9:00, of the other 8:00 to 9:00" in text
+    assert (
+        "of the map 7:00 to 8:00, of the other all hours"
+        in said("compare", folder / "tc_cliff", folder / "cliff.parquet")[0]
+    )
     text, told = said("compare", folder / "cliff.parquet", folder / "cliff.csv", "--out", "-")
     assert text.startswith("x,y,apart_m,direction,speed_m_s,p,p_theirs\n")
     assert "direction: " in told

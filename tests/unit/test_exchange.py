@@ -273,6 +273,8 @@ def test_walkers_of_another_frame(maps):
     assert check_frame("here", [table], np.append(x, 11 * [1000.0]), np.zeros(22)) == 0.5
     message = r"here: the map is of -\d+ to \d+ x -\d+ to \d+ m, and all walkers are in 995 to 1005 x 0 to 0 m"
     refused(message, check_frame, "here", [table], x + 1000, np.zeros(11))
+    message = r"in 499995\.12 to 500005\.12 x 4123456\.79 to 4123456.79 m: .*modlhmp map convert --origin X Y"
+    refused(message, check_frame, "here", [table], x + 500_000.123, np.full(11, 4_123_456.789))
 
 
 def test_a_forecast_far_from_a_published_map_is_told(maps, tmp_path, caplog):
@@ -412,15 +414,18 @@ def test_p_comes_from_the_number_that_varies(write):
     [
         (field() + "1,2,3\n", "row 41 has 3 columns, the rows before it 11"),
         (field(n3=[3, 2, 1, 1.1, 0.1, 0.01, 0.05, -0.2]), "row 4: weight -0.2 is negative"),
-        (field(n3=[3, 2, 200, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: heading 200 rad .* in degrees"),
+        (field(n3=[3, 2, 200, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: heading 200 rad .* in degrees. Speeds in mm/s"),
         (field(n3=[3, 2, 1, 110, 0.1, 0.01, 0.05, 1]), "row 4: mean speed 110 m/s: in another unit"),
         (field(n3=[3, 2, 1, 1.1, 0.1, 0.01, 0.05, 1, 1, -1]), "row 4: a p, q or count that is negative"),
         (field(n3=[3, 2, 1, 1.1, 0.1, 0.01, 5e7, 1]), "row 4: a covariance is larger than"),
         (field(n3=[3.4, 2, 1, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: location .3.4, 2. is not on the others' lattice"),
         (field(n3=[2.05, 2, 1, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: location .2.05, 2. falls on another"),
         (field(n3=[9e6, 2, 1, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: location .* more than 10 km from the origin"),
+        (field().replace("3,2,", "500001.25,4123456.5,", 1),
+         r"row 4: location .500001.25, 4123456.5. .*modlhmp map convert --origin X Y"),
         (field(n3=[9e3, 9e3, 1, 1.1, 0.1, 0.01, 0.05, 1]), "row 4: location .9000, 9000. is far from the others"),
-        (field() + rows_of("matlab", [5, 2, 1, 1.3, 0.1, 0.01, 0.05, 1]), "row 41: .* described in row 6 already"),
+        (field() + rows_of("matlab", [5, 2, 1, 1.3, 0.1, 0.01, 0.05, 1]),
+         "row 41: .* row 6 already, .* or sort the rows by location"),
         (field().replace("1.1", "x", 1), "row 1, column 4: 'x' is not a number"),
         (field().replace("1.1", "nan", 1), "row 1, column 4: 'nan' is not a finite number"),
         (field().replace(",", ";"), "row 2, column 1: .* is not a number .columns are separated by commas"),

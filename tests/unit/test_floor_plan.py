@@ -241,7 +241,7 @@ def test_plans_as_they_are_met(name):
         ([[0, 205, 254]], ("", ""), ""),
         ([[0, 205, 254]], ("free_thresh: 0.196", "free_thresh: 0.25"), "map_saver's unknown, are free"),
         ([[254, 205]], ("", ""), "no cell is occupied"),
-        ([[99, 0]], ("negate: 0", "negate: 0\nmode: raw"), "no cell is occupied"),
+        ([[255, 0]], ("negate: 0", "negate: 0\nmode: raw"), "no cell is occupied"),
     ],
 )
 def test_a_plan_that_looks_wrong_is_warned_of(tmp_path, caplog, grey, changes, warned):

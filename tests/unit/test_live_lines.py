@@ -49,19 +49,32 @@ def test_a_row_is_read():
 
 
 @pytest.mark.parametrize(
-    "line",
+    ("line", "why"),
     [
-        b"hello", b"[1, 2, 3, 4]", b"7", b'"t"', b"{}", b"\xff\xfe{}", b"[" * 50_000, b'{"t": ' + b"9" * 9000 + b"}",
-        b'{"t": "5", "id": 1, "x": 0, "y": 0}', b'{"id": 1, "x": 0, "y": 0}', b'{"t": 5, "id": 1, "x": 0}',
-        b'{"t": 5, "id": 1, "x": NaN, "y": 0}', b'{"t": 5, "id": 1, "x": 1e999, "y": 0}',
-        b'{"t": 5, "id": Infinity, "x": 0, "y": 0}', b'{"t": 1351042800000, "id": 1, "x": 0, "y": 0}',
-        b'{"t": 5, "id": [1], "x": 0, "y": 0}', b'{"t": 5, "id": "\\ud800", "x": 0, "y": 0}',
-        b'{"t": 5, "id": true, "x": 0, "y": 0}', b'{"t": 5, "id": 1e999, "x": 0, "y": 0}',
+        (b"hello", "not JSON"), (b"[1, 2, 3, 4]", "not {...}"), (b"7", "not {...}"), (b'"t"', "not {...}"),
+        (b"{}", "no t"), (b"\xff\xfe{}", "not JSON"), (b"[" * 50_000, "not JSON"),
+        (b'{"t": ' + b"9" * 9000 + b"}", "not JSON"),
+        (b'{"t": ' + b" " * MOST_BYTES + b"5}", "longer than 65536 bytes"),
+        (b'{"t": "5", "id": 1, "x": 0, "y": 0}', "t is text, not a number"), (b'{"t": "5"}', "t is text, not a number"),
+        (b'{"id": 1, "x": 0, "y": 0}', "no t"), (b'{"t": 5, "id": 1, "x": 0}', "no y"),
+        (b'{"t": 5, "id": 1, "x": NaN, "y": 0}', "NaN is no number of JSON"),
+        (b'{"t": 5, "id": 1, "x": 1e999, "y": 0}', "x inf is beyond 10,000 km: in m?"),
+        (b'{"t": 5, "id": Infinity, "x": 0, "y": 0}', "Infinity is no number of JSON"),
+        (b'{"t": 1351042800000, "id": 1, "x": 0, "y": 0}', "t 1351042800000 is beyond the year 5138: in ms? Give s"),
+        (b'{"t": 5, "id": [1], "x": 0, "y": 0}', "id is a list, not a number or text"),
+        (b'{"t": 5, "id": "\\ud800", "x": 0, "y": 0}', "is nobody's"),
+        (b'{"t": 5, "id": true, "x": 0, "y": 0}', "id is true or false, not a number or text"),
+        (b'{"t": 5, "id": 1e999, "x": 0, "y": 0}', "id inf is nobody's"),
+        (b'{"t": 5, "id": "", "x": 0, "y": 0}', "id '' is nobody's"),
+        (b'{"t": 5, "x": 0, "y": 0}', "no id"), (b'{"t": 5, "id": null, "x": 0}', "no id"),
+        (b'{"t": 5, "track_id": 7, "x": 0, "y": 0}', "no id; it has t, track_id, x, y"),
     ],
-    ids=range(19),
+    ids=range(25),
 )  # fmt: skip
-def test_what_is_no_row(line):
-    assert row_of(line) is None
+def test_what_is_no_row_is_told_why(line, why):
+    """One that has a place is not taken for one that tells the time alone."""
+    told = row_of(line)
+    assert isinstance(told, str) and why in told
 
 
 def test_lines_come_as_they_are_written():
@@ -80,7 +93,7 @@ def test_a_line_without_end_does_not_grow(tmp_path):
     (tmp_path / "rows").write_bytes(b"x" * (5 * MOST_BYTES) + b"\n" + rows([1])[0])
     source = os.open(tmp_path / "rows", os.O_RDONLY)
     lines = [line for batch in batches(source) for line in batch]
-    assert [row_of(line) is not None for line in lines] == [False, True]
+    assert [isinstance(row_of(line), tuple) for line in lines] == [False, True]
     assert max(map(len, lines)) <= 2 * MOST_BYTES + 1
     os.close(source)
 
@@ -151,7 +164,8 @@ def test_what_is_no_row_is_told_with_its_number():
     live, told = cvm(), []
     lines = [b"", b"header", *rows(range(6)), b"{}", b"  "]
     assert len(moments_of(lines, live=live, problem=lambda *one: told.append(one))) == 6
-    assert told == [(2, b"header"), (9, b"{}")]
+    assert [one[:2] for one in told] == [(2, b"header"), (9, b"{}")]
+    assert "not JSON" in told[0][2] and "no t" in told[1][2]
     assert live.counts["bad"] == 2
 
 
@@ -246,7 +260,7 @@ def test_rows_of_a_file_and_of_the_input(episodes, tmp_path):
     assert [len(line["people"]) for line in told] == [0, 0, 1, 1, 1, 1, 1]
     assert {len(line["people"][0]["samples"]) for line in told[2:]} == {5}
     assert [len(line["people"][0]["path"]) for line in told[2:]] == [4] * 5
-    assert "line 15: no row: no row" in one.stderr.decode()
+    assert "line 15 is no row, not JSON: no row" in one.stderr.decode()
     assert "taken 14, bad 1, forecasts 7" in one.stderr.decode()
     assert run(*asked[:4], given=b"").stdout == b""
 
@@ -258,7 +272,11 @@ def test_rows_of_a_file_and_of_the_input(episodes, tmp_path):
         (("--map", "MAP", "nowhere.jsonl"), 1, "nowhere.jsonl: cannot be read"),
         (("--map", "MAP", "--set", "persons"), 1, "give NAME=VALUE"),
         (("--map", "MAP", "."), 1, ".: Is a directory; are the rows a file"),
-        (("--map", "MAP", "--set", "horizon_s=3"), 1, "give NAME=VALUE"),
+        (("--map", "nowhere.parquet"), 1, "give the file of a map, or its folder of hours"),
+        (("--map", "stef"), 1, "--map stef: a kind of map, not a map: build one by `modlhmp map build stef`"),
+        (("--map", "MAP", "--set", "horizon_s=3"), 1, "--set 'horizon_s=3': here that is --horizon"),
+        (("--map", "MAP", "--set", "exits=true"), 1, "--set 'exits=true': here that is --exits FILE"),
+        (("--map", "MAP", "--set", "key=a"), 1, "--set 'key=a': no option of a method"),
         (("--map", "MAP", "--set", "person=3"), 1, "did you mean 'persons'"),
         (("--map", "MAP", "--set", "persons=[1"), 1, "no number and no word"),
         (("--map", "MAP", "--occupancy", "3,x"), 1, "give seconds, such as 10,20"),
@@ -283,7 +301,21 @@ def test_what_cannot_be_done(episodes, monkeypatch, capfd, arguments, status, me
 def test_rows_in_another_form(episodes):
     done = run("--map", episodes, given=b"time,id,x,y\n1,2,3,4\n")
     assert (done.returncode, done.stdout) == (3, b"")
-    assert "line 1: no row: time,id,x,y" in done.stderr.decode()
+    assert "line 1 is no row, not JSON: time,id,x,y" in done.stderr.decode()
+    renamed = b"\n".join(rows(range(6))).replace(b'"id"', b'"track_id"')
+    done = run("--map", episodes, given=renamed)
+    assert (done.returncode, done.stdout) == (3, b"")
+    assert "line 1 is no row, no id; it has t, track_id, x, y: {" in done.stderr.decode()
+    assert done.stderr.decode().splitlines()[-1] == "bad 6"
+
+
+def test_a_kind_that_needs_no_map_and_more_samples_than_there_are():
+    done = run("--map", "cvm", "--horizon", 3, "--samples", 9, given=b"\n".join(rows(range(6))))
+    assert done.returncode == 0
+    told = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [len(line["people"]) for line in told] == [0, 0, 0, 1, 1, 1]
+    assert len(told[-1]["people"][0]["samples"]) == 1
+    assert done.stderr.decode().count("--samples 9: a forecast has 1") == 1
 
 
 def test_help_teaches_by_example():

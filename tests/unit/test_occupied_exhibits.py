@@ -85,6 +85,8 @@ def test_a_film_of_three_moments(layout, tmp_path, figures, width, rows):
     panels = [ax for ax in fig.axes if ax.get_title()]
     assert [ax.get_title().split(":")[0] for ax in panels] == ["after 2 s", "after 4 s", "after 8 s"]
     assert {ax.get_gridspec().nrows for ax in panels} == {rows}
+    assert [ax.get_xlabel() for ax in panels] == (["", "", "x [m]"] if rows == 3 else ["x [m]"] * 3)
+    assert [ax.get_ylabel() for ax in panels] == (["y [m]"] * 3 if rows == 3 else ["y [m]", "", ""])
     for ax, at_s in zip(panels, (2, 4, 8), strict=True):
         (image,) = ax.images
         (row, column) = np.unravel_index(np.argmax(image.get_array()), image.get_array().shape)

@@ -166,6 +166,45 @@ def test_what_is_no_path(arguments, message):
     refused(message, cliff_map(EAST), *arguments)
 
 
+@pytest.mark.parametrize("name", ["people", "delay_s"])
+@pytest.mark.parametrize("value", [-1, np.nan, np.inf, "3", [1, 2]])
+def test_people_and_delays_are_no_less_than_none(name, value):
+    refused(f"path_cost: {name} .*: give a number of at least 0", cliff_map(EAST), [(0, 0), (1, 1)], **{name: value})
+
+
+def test_a_path_that_the_map_hardly_knows_is_told(tmp_path, caplog):
+    """Costs of 0 and times without a number look like a free way."""
+    flow = cliff_map(WEST, people=1.0)
+    modlhmp.path_cost(flow, [(5, 10), (25, 10)])
+    assert not caplog.messages
+    for path, share in (([(15.5, 10), (35.5, 10)], "26 %"), ([(100, 10), (120, 10)], "0 %")):
+        modlhmp.path_cost(flow, path)
+        assert f"the map knows {share} of the path; where it knows nobody, costs are 0" in caplog.messages[-1]
+    caplog.clear()
+    modlhmp.path_cost(cliff_map(WEST), [(5, 10), (15, 10)])
+    assert "the map does not say how many people there are, so no time: give `people`" in caplog.messages[-1]
+
+
+def test_what_the_map_does_not_know_is_drawn_apart(tmp_path, monkeypatch):
+    from matplotlib.collections import LineCollection  # noqa: PLC0415
+
+    from modlhmp import pictures  # noqa: PLC0415
+
+    drawn = []
+    monkeypatch.setattr(pictures, "save", lambda figure, path: drawn.append(figure))
+    cost = modlhmp.path_cost(cliff_map(WEST, people=1.0), [(10.5, 10), (30.5, 10)])
+    cost.draw(tmp_path / "path.png")
+    ax = drawn[0].axes[0]
+    (known,) = (one for one in ax.collections if isinstance(one, LineCollection))
+    (unknown,) = (one for one in ax.lines if one.get_linestyle() == "--")
+    assert len(known.get_segments()) == len(known.get_array()) == cost.mapped.sum()
+    (flow,) = (one for one in ax.collections if hasattr(one, "XY"))
+    assert ax.get_xlim()[1] > (flow.XY[:, 0] + flow.U).max(), "arrows are whole"
+    assert ax.get_ylim()[1] > flow.XY[:, 1].max(), "and those that are far away are left out"
+    assert np.isfinite(unknown.get_xdata()).sum() == (~cost.mapped).sum() > 0
+    assert np.nanmin(unknown.get_xdata()) > max(x for segment in known.get_segments() for x in segment[:, 0])
+
+
 def test_what_has_no_flow():
     path = [(0, 0), (1, 1)]
     refused("a map of kind exits holds no flows", modlhmp.build_map("exits", crowd(), SITE), path)

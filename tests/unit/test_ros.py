@@ -41,7 +41,11 @@ def test_a_moment_as_a_map_of_map_server(tmp_path):
     assert map_server(tmp_path / "a 'map'.yaml")[0].max() == 100
 
 
-def test_our_own_reader_takes_it(tmp_path):
+def test_our_own_reader_takes_it(tmp_path, caplog):
+    """Without a word, also where no cell is certain to be occupied."""
+    write_map(GRID._replace(probabilities=0.8 * GRID.probabilities), tmp_path / "m.yaml", at_s=1)
+    assert not (load_floor_plan(tmp_path / "m.yaml").cells == OCCUPIED).any()
+    assert not caplog.messages
     write_map(GRID, tmp_path / "m.yml", at_s=1)
     plan = load_floor_plan(tmp_path / "m.yml")
     assert (plan.resolution, plan.origin, plan.yaw) == (0.5, (-7.5, 2.0), 0.0)

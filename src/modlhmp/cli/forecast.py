@@ -7,8 +7,10 @@ import numpy as np
 import typer
 
 from modlhmp.cli.app import app
-from modlhmp.cli.inputs import STREAM, read_walkers
+from modlhmp.cli.inputs import STREAM, map_or_kind, read_walkers
 from modlhmp.storage import DataError
+
+FORMS = (".csv", ".parquet", ".ndjson")
 
 
 @app.command()
@@ -49,17 +51,22 @@ def forecast(
     rows from then on. docs/command-line.md has the forms and the exit codes.
     """
     import modlhmp  # noqa: PLC0415 - other commands need none of it
-    from modlhmp.kinds import all_kinds  # noqa: PLC0415
 
     if plot and out == STREAM:
         raise DataError("--plot: the picture lies beside the file of forecasts; name one by --out")
-    source: Any = by if by in all_kinds() and not Path(by).exists() else modlhmp.load_map(by)
+    if out != STREAM and Path(out).suffix not in FORMS:
+        raise DataError(f"--out {out}: the name must end in .csv, .parquet or .ndjson")
+    source = map_or_kind(by)
     site = modlhmp.Site() if isinstance(source, str) else source.site
     walkers, owners = read_walkers(tracks, site.time_step_s)
     seen = _seen(walkers, at, site.observed_rows, tracks)
     _check_ids(owners, seen, tracks, out)
     _tell_of_speeds(source, seen, tracks)
     futures = modlhmp.forecast(source, seen, horizon, seed, **_options(option or [], seed))
+    if not futures.known.any():
+        raise DataError(
+            f"{tracks}: nobody has a forecast: the map tells nothing where they are; is it of another place?"
+        )
     if unknown := int((~futures.known).sum()):
         typer.echo(f"{unknown} of {len(futures.known)} people have no forecast: the map tells nothing there", err=True)
     _write(futures, owners, out, best)
@@ -67,7 +74,7 @@ def forecast(
         from modlhmp.futures_drawing import draw_futures  # noqa: PLC0415 - matplotlib
 
         picture = Path(out).with_suffix(".png")
-        draw_futures(futures, seen, f"{by}, {tracks}", picture)
+        draw_futures(futures, seen, f"{Path(by).name}, {Path(tracks).name}", picture)
         typer.echo(f"Written: {picture}", err=True)
 
 
@@ -145,10 +152,7 @@ def _write(futures: Any, owners: dict[int, str], out: str, best: bool) -> None:
         alive = alive if futures.forecast.output == "mean" else best_path(futures.forecast)[1]
         path = np.asarray(futures.best, np.float32)[:, None]
         forecast = Forecast(path, np.zeros(path.shape[:3], np.float32), alive[:, None], "single")
-    suffix = ".csv" if out == STREAM else Path(out).suffix
-    if suffix not in (".csv", ".parquet", ".ndjson"):
-        raise DataError(f"--out {out}: the name must end in .csv, .parquet or .ndjson")
-    if suffix == ".ndjson":
+    if Path(out).suffix == ".ndjson":
         frames = np.rint(futures.t0 / site.time_step_s).astype(int)
         scenes = np.arange(len(frames))
         write_lines(

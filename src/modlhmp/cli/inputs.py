@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import typer
 
+from modlhmp.api import Map, load_map
 from modlhmp.cleaning import clean_recording
 from modlhmp.exchange.tracks import NEEDED, RECORDED, read_tracks_table
 from modlhmp.file_format import FileFormat, Recording
+from modlhmp.kinds import all_kinds
 from modlhmp.settings import check
 from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks, owner_ids, owner_texts, usual_step
@@ -44,6 +46,18 @@ def read_walkers(path: str, time_step_s: float) -> tuple[Tracks, dict[int, str]]
         except DataError as error:
             raise DataError(str(error).replace(str(file), shown)) from None
         return tracks, owner_texts(account.get("owners", {}))
+
+
+def map_or_kind(by: str) -> Map | str:
+    """The map that lies at `by`, or the name of a kind that needs none; `DataError`."""
+    kind = None if Path(by).exists() else all_kinds().get(by)
+    if kind is None:
+        return load_map(by)
+    if kind.has_map:
+        raise DataError(
+            f"--map {by}: a kind of map, not a map: build one by `modlhmp map build {by}`, or name its file"
+        )
+    return by
 
 
 @contextlib.contextmanager

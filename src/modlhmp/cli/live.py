@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from modlhmp.live import Live
 
 NO_ROW, INTERRUPTED = 3, 130  # of the status
+HERE = {"by": "--map", "horizon_s": "--horizon", "exits": "--exits FILE"}  # arguments that are options of their own
 LEAST_EVERY_S, MOST_EVERY_S = 0.01, 3600.0
 HELP = """Forecast people as they are seen: JSON lines in, JSON lines out.
 
@@ -54,8 +55,12 @@ option or the file of rows is wrong. 2: the command line is wrong.
 @app.command(help=HELP)
 def live(
     map_file: Annotated[
-        Path,
-        typer.Option("--map", metavar="FILE", help="A map, or a state of `map update`; a folder, of one by hours."),
+        str,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="A map, or a state of `map update`; a folder, of one by hours; or a kind that needs none: cvm.",
+        ),
     ],
     rows: Annotated[Path, typer.Argument(metavar="ROWS", hidden=True)] = Path("-"),
     horizon: Annotated[float | None, typer.Option(metavar="S", help="How far ahead [s] [default: the map's]")] = None,
@@ -87,9 +92,15 @@ def live(
     at_s, every_s = _moments(forecaster, occupancy), _every(forecaster, every)
     source = _opened(rows)
     forecaster.warm_up()
-    newest, status = Newest(1) if latest else None, 0
+    newest, status, told = Newest(1) if latest else None, 0, False
     try:
         for t0, futures in forecasts(forecaster, batches(source), every_s, latest, _told_once()):
+            if not told and len(futures.t0) and samples > (most := futures.paths.shape[1]):
+                told = True
+                typer.echo(
+                    f"--samples {samples}: a forecast has {most}; an option says how many, such as --set k={samples}",
+                    err=True,
+                )
             line = text_of(t0, futures, forecaster, samples, at_s)
             newest.put(line) if newest else write_all(1, line)
         if newest:
@@ -112,23 +123,28 @@ def live(
         raise typer.Exit(status)
 
 
-def _forecaster(map_file: Path, horizon_s: float | None, exits: Path | None, options: list[str]) -> "Live":
+def _forecaster(map_file: str, horizon_s: float | None, exits: Path | None, options: list[str]) -> "Live":
     """The `Live` of what was said."""
     from modlhmp.api import load_map  # noqa: PLC0415 - as other verbs do
+    from modlhmp.cli.inputs import map_or_kind  # noqa: PLC0415
     from modlhmp.live import Live  # noqa: PLC0415
     from modlhmp.updates import UpdatedMap, is_state  # noqa: PLC0415
 
     given: dict[str, Any] = {}
     for one in options:
         name, equals, value = one.partition("=")
-        if not equals or name in {"", "by", "horizon_s", "key", "site", "exits"}:  # not of a method
+        if not equals or not name:
             raise DataError(f"--set {one!r}: give NAME=VALUE, such as k=20")
+        if name in HERE:
+            raise DataError(f"--set {one!r}: here that is {HERE[name]}")
+        if name in {"key", "site"}:
+            raise DataError(f"--set {one!r}: no option of a method")
         try:
             given[name] = yaml.safe_load(value)
         except (yaml.YAMLError, ValueError, RecursionError):
             raise DataError(f"--set {one!r}: {value!r} is no number and no word") from None
     ways_out = None if exits is None else load_map(exits)
-    source = UpdatedMap.load(map_file) if is_state(map_file) else load_map(map_file)
+    source = UpdatedMap.load(map_file) if is_state(map_file) else map_or_kind(map_file)
     return Live(source, horizon_s, **{"exits": ways_out, **given})
 
 
@@ -161,13 +177,14 @@ def _opened(rows: Path) -> int:
         raise DataError(f"{rows}: cannot be read ({error.strerror}); give a file of rows, or - for the input") from None
 
 
-def _told_once() -> Callable[[int, bytes], None]:
+def _told_once() -> Callable[[int, bytes, str], None]:
     """What tells of the first line that is no row, and of no other."""
     told: list[int] = []
 
-    def problem(number: int, line: bytes) -> None:
+    def problem(number: int, line: bytes, why: str) -> None:
         if not told:
             told.append(number)
-            typer.echo(f"line {number}: no row: {line[:100].decode(errors='replace')}; others are counted", err=True)
+            shown = line[:100].decode(errors="replace")
+            typer.echo(f"line {number} is no row, {why}: {shown}; others are counted", err=True)
 
     return problem

@@ -13,9 +13,10 @@ import typer
 from modlhmp import api, pictures
 from modlhmp.cli.app import app
 from modlhmp.exchange import maps as exchange
-from modlhmp.exchange.forms import BY_NAME, recognise
+from modlhmp.exchange.forms import BY_NAME, FORMS, find_form, recognise
 from modlhmp.exchange.parquet import PARQUET
 from modlhmp.exchange.rows import read_source, table_text
+from modlhmp.kinds import find
 from modlhmp.maps import stef
 from modlhmp.maps.base import box_of
 from modlhmp.maps.columns import METADATA, described
@@ -84,7 +85,7 @@ def build(
     else:
         raise DataError(f"{tracks}: describe it first: modlhmp inspect {tracks} > {tracks.stem}.yaml")
     made = api.build_map(kind, walked, site, **_options(options))
-    made.save(out)
+    _save(made, out)
     _say(f"{out}: {_summary(made)}")
 
 
@@ -108,7 +109,7 @@ def info(
         if "location" in table.column_names:
             facts.append(f"{pa.compute.count_distinct(table['location']).as_py()} locations")
         if (box := box_of([table])) is not None:
-            facts.append(f"x {box[0, 0]:.4g} to {box[1, 0]:.4g} m, y {box[0, 1]:.4g} to {box[1, 1]:.4g} m")
+            facts.append(f"x {box[0, 0]:.9g} to {box[1, 0]:.9g} m, y {box[0, 1]:.9g} to {box[1, 1]:.9g} m")
         facts += [
             f"{key.decode()} {value.decode()}"
             for key, value in (table.schema.metadata or {}).items()
@@ -145,7 +146,8 @@ def plot(
     """
     loaded = _load(a_map, form, Site(), None, options)
     name, table = _at_hour(loaded, hour)
-    pictures.draw_map(loaded.kind, table, out, f"{Path(a_map).name}, {loaded.kind}, {name}", floor_plan)
+    of = [Path(a_map).name, loaded.kind, *([name] if loaded.hours else [])]
+    pictures.draw_map(loaded.kind, table, out, ", ".join(of), floor_plan)
     _say(f"Written: {out}")
 
 
@@ -178,7 +180,7 @@ def convert(
     loaded = _load(a_map, form, Site(timezone=timezone), origin, options)
     how = {"header": True} if header else {}
     if out != STREAM:
-        loaded.save(out, form=to, **how)
+        _save(loaded, Path(out), to, **how)
         _say(f"{out}: {_summary(loaded)}, form {to}")
     elif to == PARQUET:
         raise DataError("Parquet does not go to standard output: name a file, or another form by --to")
@@ -213,9 +215,13 @@ def compare(
     loaded = [_load(path, its, Site(), None, None) for path, its in ((ours, form), (theirs, other_form))]
     shared = [one for one in loaded[0].hours if one in loaded[1].hours]
     hour = shared[0] if hour is None and shared else hour
-    found = [flows(one.kind, _at_hour(one, hour)[1]) for one in loaded]
+    named = [_at_hour(one, hour if one.hours else None) for one in loaded]
+    found = [flows(one.kind, table) for one, (_, table) in zip(loaded, named, strict=True)]
     places = compare_flows(*found)
     lines = [f"{len(found[0].x)} and {len(found[1].x)} places, {len(places['x'])} of the first near one of the second"]
+    if any(one.hours for one in loaded):
+        of = [name if one.hours else "all hours" for one, (name, _) in zip(loaded, named, strict=True)]
+        lines.insert(0, f"of the map {of[0]}, of the other {of[1]}")
     if len(places["x"]):
         lines += [
             f"direction: {_spread(places['direction'], '')} of the probability goes elsewhere (0: the same, 1: all)",
@@ -244,6 +250,16 @@ def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] |
         raise DataError("standard input: Parquet is not read from a stream: give the file")
     kind, whole, hours = exchange.read_one(source, found, site, **how)
     return api.Map(kind, site, whole, hours)
+
+
+def _save(a_map: api.Map, out: Path, to: str = PARQUET, **how: Any) -> None:
+    """Write a map under a name that says what it is; the library takes any."""
+    in_folder = find(a_map.kind).hourly and (to == PARQUET or find_form(to).write is not None)
+    if in_folder and out.suffix in {f".{PARQUET}", *(form.suffix for form in FORMS)}:
+        raise DataError(f"{out}: a map of kind {a_map.kind} is a folder of hours; give a name without {out.suffix}")
+    if not in_folder and to == PARQUET and out.suffix not in {"", f".{PARQUET}"}:
+        raise DataError(f"{out}: form parquet under this name; name its form, such as xml, by --to, or end in .parquet")
+    a_map.save(out, form=to, **how)
 
 
 def _options(given: list[str] | None) -> dict[str, Any]:

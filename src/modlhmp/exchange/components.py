@@ -37,7 +37,7 @@ class Components:
         if not bad.any():
             return
         at = int(np.argmax(bad))
-        values = {name: f"{getattr(self, name)[at]:g}" for name in ("x", "y", "heading", "speed", "weight")}
+        values = {name: f"{getattr(self, name)[at]:.10g}" for name in ("x", "y", "heading", "speed", "weight")}
         raise DataError(f"{self.where}: {self.unit} {self.row[at]}: {what.format(**values)}")
 
 

@@ -12,7 +12,8 @@ OFF_LATTICE = 0.1  # of a step: files round positions to 5 digits
 FAR_M = 10_000.0  # from the origin; recordings lose rows there as well
 SAMPLED = 20_000
 SHIFT = (
-    "give `origin_m`, the x and y of a nearer origin in the file's frame, as the dataset file of the recordings does"
+    "give `origin_m` (`modlhmp map convert --origin X Y`), the x and y of a nearer origin in the file's frame, as the "
+    "dataset file of the recordings does"
 )
 
 
@@ -34,9 +35,10 @@ def locations_of(found: Components, repaired: Counter[str]) -> tuple[np.ndarray,
             continue
         if not _same(found, slice(first[before], ends[before]), slice(start, end)):
             raise DataError(
-                f"{found.where}: {found.unit} {found.row[start]}: location ({found.x[start]:g}, {found.y[start]:g}) "
+                f"{found.where}: {found.unit} {found.row[start]}: location ({found.x[start]:.10g}, "
+                f"{found.y[start]:.10g}) "
                 f"is described in {found.unit} {found.row[first[before]]} already, otherwise: two maps in one file? "
-                "Builders append to a file that is there; keep one of the two"
+                "Builders append to a file that is there; keep one of the two, or sort the rows by location"
             )
         kept[start:end] = False
         repaired["locations that the file repeats, left out"] += 1

@@ -56,14 +56,17 @@ def cliff_table(
 
 def _check(found: Components) -> None:
     """Refuse what no repair can make right."""
-    found.refuse(found.weight < 0, "weight {weight} is negative; are the columns in another order?")
-    found.refuse(found.weight > MOST, f"weight {{weight}} is above {MOST:g}; are the columns in another order?")
-    degrees = "heading {heading} rad is more than 4 turns: in degrees? Or are speed and heading in the other order?"
+    found.refuse(found.weight < 0, "weight {weight} is negative; are the numbers in another order?")
+    found.refuse(found.weight > MOST, f"weight {{weight}} is above {MOST:g}; are the numbers in another order?")
+    degrees = (
+        "heading {heading} rad is more than 4 turns: in degrees? Speeds in mm/s or cm/s, so that they were taken for "
+        "headings? Or are speed and heading in the other order?"
+    )
     found.refuse(np.abs(found.heading) > MOST_TURNS * TWO_PI, degrees)
-    unit = "mean speed {speed} m/s: in another unit, such as cm/s, or another column?"
+    unit = "mean speed {speed} m/s: in another unit, such as mm/s, or another number?"
     found.refuse(np.abs(found.speed) > FASTEST_M_S, unit)
     wide = np.asarray((np.abs(found.covariance) > WIDEST).any(axis=1))
-    found.refuse(wide, "a covariance is larger than headings and speeds have; are the columns in another order?")
+    found.refuse(wide, "a covariance is larger than headings and speeds have; are the numbers in another order?")
     usual = float(np.median(np.abs(found.speed)))
     if usual > USUAL_M_S:
         raise DataError(f"{found.where}: half of the mean speeds are above {usual:.3g} m/s: in another unit than m/s?")
@@ -128,7 +131,7 @@ def intensity(
     it is unknown.
     """
     odd = np.asarray(((found.extra < 0) | (found.extra > MOST)).any(axis=1))
-    found.refuse(odd, f"a p, q or count that is negative or above {MOST:g}; are the columns in another order?")
+    found.refuse(odd, f"a p, q or count that is negative or above {MOST:g}; are the numbers in another order?")
     varying = [column for column in found.extra.T if np.ptp(column) > 0]
     if len(varying) > 1:
         repaired["components with two numbers of the location that vary, of which the last is p"] += len(found.x)

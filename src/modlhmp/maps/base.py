@@ -167,11 +167,11 @@ def check_frame(where: str, tables: Iterable[pa.Table], x: np.ndarray, y: np.nda
     share = float(((xy >= box[0] - EDGE_M) & (xy <= box[1] + EDGE_M)).all(axis=1).mean())
     if not share:
         spans = [
-            " x ".join(f"{low:.4g} to {high:.4g}" for low, high in zip(*ends, strict=True))
+            " x ".join(f"{round(low, 2):.12g} to {round(high, 2):.12g}" for low, high in zip(*ends, strict=True))
             for ends in (box, (xy.min(axis=0), xy.max(axis=0)))
         ]
         raise DataError(
             f"{where}: the map is of {spans[0]} m, and all walkers are in {spans[1]} m: another frame? Move it by "
-            "`origin_m`, the origin of the walkers' frame in the map's"
+            "`origin_m` (`modlhmp map convert --origin X Y`), the origin of the walkers' frame in the map's"
         )
     return share

@@ -50,6 +50,10 @@ def draw(layout: Layout, dataset: Dataset, stem: str, title: str) -> None:
             f"after {at_s:g} s: {cells['p'].sum():.1f} cells foretold, {len(people)} of {len(now)} still there"
         )
         ax.grid(False)
+    for ax in axes[-1]:
+        ax.set_xlabel("x [m]")
+    for ax in axes[:, 0]:
+        ax.set_ylabel("y [m]")
     fig.colorbar(image, ax=axes, shrink=0.5, label="probability of a cell")
     keys = [Line2D([], [], **NOW), Line2D([], [], **TRUTH)]
     note = f"{dataset.title}; {title}, with a map of people of other half-hours"
