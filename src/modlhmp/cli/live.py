@@ -1,7 +1,7 @@
 """`modlhmp live`."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +12,7 @@ from modlhmp.cli.app import app
 from modlhmp.storage import DataError
 
 if TYPE_CHECKING:
+    from modlhmp.futures import Futures
     from modlhmp.live import Live
 
 NO_ROW, INTERRUPTED = 3, 130  # of the status
@@ -56,11 +57,7 @@ option or the file of rows is wrong. 2: the command line is wrong.
 def live(
     map_file: Annotated[
         str,
-        typer.Option(
-            "--map",
-            metavar="FILE",
-            help="A map, or a state of `map update`; a folder, of one by hours; or a kind that needs none: cvm.",
-        ),
+        typer.Option("--map", metavar="FILE", help="A map (a folder, of hours), a state of `map update`, or: cvm."),
     ],
     rows: Annotated[Path, typer.Argument(metavar="ROWS", hidden=True)] = Path("-"),
     horizon: Annotated[float | None, typer.Option(metavar="S", help="How far ahead [s] [default: the map's]")] = None,
@@ -95,12 +92,7 @@ def live(
     newest, status, told = Newest(1) if latest else None, 0, False
     try:
         for t0, futures in forecasts(forecaster, batches(source), every_s, latest, _told_once()):
-            if not told and len(futures.t0) and samples > (most := futures.paths.shape[1]):
-                told = True
-                typer.echo(
-                    f"--samples {samples}: a forecast has {most}; an option says how many, such as --set k={samples}",
-                    err=True,
-                )
+            told = told or _told_of_few(samples, futures)
             line = text_of(t0, futures, forecaster, samples, at_s)
             newest.put(line) if newest else write_all(1, line)
         if newest:
@@ -115,12 +107,23 @@ def live(
         status = INTERRUPTED
     if keep is not None:
         forecaster.updated().save(keep)
-    counts = {**forecaster.counts, **({"skipped": newest.skipped} if newest else {})}
-    typer.echo(", ".join(f"{name} {number}" for name, number in counts.items() if number) or "no rows", err=True)
-    if not status and counts["bad"] and not counts["taken"]:
-        status = NO_ROW
-    if status:
+    if status := status or _counted({**forecaster.counts, **({"skipped": newest.skipped} if newest else {})}):
         raise typer.Exit(status)
+
+
+def _told_of_few(samples: int, futures: "Futures") -> bool:
+    """Tell, if anybody is forecast, where more samples are asked for than there are."""
+    if fewer := bool(len(futures.t0)) and samples > (most := futures.paths.shape[1]):
+        typer.echo(
+            f"--samples {samples}: a forecast has {most}; an option says how many, such as --set k={samples}", err=True
+        )
+    return fewer
+
+
+def _counted(counts: Mapping[str, int]) -> int:
+    """Tell what became of the rows; returns the status that follows."""
+    typer.echo(", ".join(f"{name} {number}" for name, number in counts.items() if number) or "no rows", err=True)
+    return NO_ROW if counts["bad"] and not counts["taken"] else 0
 
 
 def _forecaster(map_file: str, horizon_s: float | None, exits: Path | None, options: list[str]) -> "Live":
