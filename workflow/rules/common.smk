@@ -145,6 +145,11 @@ def shown_in(exhibit, wildcards):
     return exhibit.shown(PLAN, wildcards.label if exhibit.per_dataset else None)
 
 
+def flat(paths):
+    """The paths of methods, of which some have none, each once."""
+    return list(dict.fromkeys(path for path in paths if path))
+
+
 def files_of(wanted):
     """All files of the exhibits that a run makes and a function (exhibit) wants."""
     return [

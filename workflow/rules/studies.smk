@@ -16,11 +16,6 @@ GIVEN = {
 }
 
 
-def flat(paths):
-    """The paths of methods, of which some have none, each once."""
-    return list(dict.fromkeys(path for path in paths if path))
-
-
 rule study_parameter:
     """Errors of one method on a fixed sample of the test tracks, for every value of one parameter."""
     input:

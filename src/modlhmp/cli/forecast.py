@@ -63,12 +63,7 @@ def forecast(
     _check_ids(owners, seen, tracks, out)
     _tell_of_speeds(source, seen, tracks)
     futures = modlhmp.forecast(source, seen, horizon, seed, **_options(option or [], seed))
-    if not futures.known.any():
-        raise DataError(
-            f"{tracks}: nobody has a forecast: the map tells nothing where they are; is it of another place?"
-        )
-    if unknown := int((~futures.known).sum()):
-        typer.echo(f"{unknown} of {len(futures.known)} people have no forecast: the map tells nothing there", err=True)
+    _tell_of_unknown(futures, tracks)
     _write(futures, owners, out, best)
     if plot:
         from modlhmp.futures_drawing import draw_futures  # noqa: PLC0415 - matplotlib
@@ -76,6 +71,16 @@ def forecast(
         picture = Path(out).with_suffix(".png")
         draw_futures(futures, seen, f"{Path(by).name}, {Path(tracks).name}", picture)
         typer.echo(f"Written: {picture}", err=True)
+
+
+def _tell_of_unknown(futures: Any, tracks: str) -> None:
+    """Tell how many have no forecast; `DataError` if nobody has one."""
+    if not futures.known.any():
+        raise DataError(
+            f"{tracks}: nobody has a forecast: the map tells nothing where they are; is it of another place?"
+        )
+    if unknown := int((~futures.known).sum()):
+        typer.echo(f"{unknown} of {len(futures.known)} people have no forecast: the map tells nothing there", err=True)
 
 
 def _options(given: list[str], seed: int) -> dict[str, Any]:
