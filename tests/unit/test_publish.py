@@ -15,6 +15,11 @@ from modlhmp.study.ladder import DIFFERENCES
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import COLUMNS
 
+TWO_RUNS = (
+    "{{ errors('demo', 'hall', 'complete', 5, 'cliff') }} at {{ commit('demo') }}, "
+    "{{ errors('real', 'hall', 'complete', 5, 'cliff') }} at {{ commit('real') }}\n"
+)
+
 
 @pytest.fixture
 def numbers(tmp_path):
@@ -49,7 +54,7 @@ def test_a_template_gets_what_it_asks_for(numbers):
     page = publish.render(
         "{{ errors('real', 'hall', 'complete', 5, 'cliff') }} ({{ scored('real', 'hall', 'paper', 60, 'cvm') }}), "
         "{{ less('real', 'hall', 'complete', 5, 'ade', 'cliff', 'cvm') }}, "
-        "{{ percent('real', 'hall', 'complete', 5, 'ade', 'cliff', 'cvm') }} at {{ commit }}\n"
+        "{{ percent('real', 'hall', 'complete', 5, 'ade', 'cliff', 'cvm') }} at {{ commit('real') }}\n"
         "{{ table('real', 'claims', ['claim', 'verdict'], dataset='Hall') }}\n",
         numbers,
     )
@@ -112,6 +117,23 @@ def test_a_number_that_no_run_makes_fails(numbers, asked, message):
 def test_a_run_that_was_not_made_is_named(tmp_path):
     with pytest.raises(DataError, match=r"make the run first: .*config/lab/ladder\.yaml"):
         publish.collect(["ladder"], "abc123", str(tmp_path))
+
+
+def test_a_run_that_is_made_anew_leaves_the_others_and_their_commits(numbers, tmp_path, monkeypatch):
+    old = json.loads(json.dumps(numbers))
+    old["runs"]["demo"] = {**old["runs"]["real"], "commit": "older"}
+    monkeypatch.setattr(publish, "ROOT", tmp_path)  # where the fixture's run lies
+    monkeypatch.setattr(publish, "NUMBERS", tmp_path / "numbers.json")
+    monkeypatch.setattr(publish, "templates", lambda: {tmp_path / "page.md": TWO_RUNS})
+    monkeypatch.setattr(publish, "_commit", lambda: "newer")
+    monkeypatch.setattr(publish, "titles", lambda run: {})
+    monkeypatch.setattr(publish.sys, "argv", ["publish", "real"])
+    publish.NUMBERS.write_text(json.dumps(old))
+    publish.main()
+    assert (tmp_path / "page.md").read_text() == "1.50 / 2.00 at older, 1.50 / 2.00 at newer\n"
+    monkeypatch.setattr(publish.sys, "argv", ["publish", "reel"])
+    with pytest.raises(DataError, match="no published run 'reel'; there are demo, real"):
+        publish.main()
 
 
 def test_decimals_in_prose_are_found():

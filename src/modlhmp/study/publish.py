@@ -1,8 +1,12 @@
 """The published numbers: one small committed file that runs make, and the pages that are rendered from it.
 
 `make results` runs the study on the real recordings, writes `docs/numbers.json` (scores, differences and tables, with
-the commit and each run's command beside them) and renders every template of `docs/templates` into `docs`. A number in a
+each run's command and commit beside them) and renders every template of `docs/templates` into `docs`. A number in a
 template is asked for by what it is of, so one that no run makes cannot be rendered.
+
+    python -m modlhmp.study.publish               # the numbers of all runs, and the pages
+    python -m modlhmp.study.publish likelihood    # of these runs alone; the others keep theirs, and their commit
+    python -m modlhmp.study.publish pages         # only the pages
 """
 
 import json
@@ -35,6 +39,7 @@ RUNS = {
     "folds": "config/real.yaml config/lab/folds.yaml",
     "networks": "config/real.yaml config/lab/networks.yaml",
     "likelihood": "config/real.yaml config/lab/likelihood.yaml",
+    "likelihood_edinburgh": "config/real.yaml config/lab/likelihood.yaml config/lab/likelihood_edinburgh.yaml",
 }
 HORIZONS_S = (5.0, 10.0, 20.0, 30.0, 60.0)
 KINDS = ("scores", "differences", "tables")
@@ -82,8 +87,8 @@ def titles(run: str) -> dict[str, str]:
 
 def collect(runs: Iterable[str], commit: str, root: str = ".") -> dict[str, Any]:
     """The numbers of runs that have been made under `root`, as JSON data."""
-    made = {run: _of_run(Layout(run, root)) | {"command": command(run), "titles": titles(run)} for run in runs}
-    return {"commit": commit, "runs": made}
+    about = {run: {"commit": commit, "command": command(run), "titles": titles(run)} for run in runs}
+    return {"runs": {run: about[run] | _of_run(Layout(run, root)) for run in about}}
 
 
 def _of_run(layout: Layout) -> dict[str, Any]:
@@ -131,15 +136,15 @@ def asked_for(templates: Iterable[str], numbers: Mapping[str, Any]) -> dict[str,
 
 def _filled(template: str, asked: "_Asked") -> str:
     page = Environment(undefined=StrictUndefined, keep_trailing_newline=True, trim_blocks=True)
-    names = ("errors", "scored", "score", "walls", "less", "percent", "table", "results", "command")
-    return page.from_string(template).render(commit=asked.commit, **{name: getattr(asked, name) for name in names})
+    names = ("errors", "scored", "score", "walls", "less", "percent", "table", "results", "command", "commit")
+    return page.from_string(template).render({name: getattr(asked, name) for name in names})
 
 
 class _Asked:
     """What a template may ask for."""
 
     def __init__(self, numbers: Mapping[str, Any]) -> None:
-        self.runs, self.commit = numbers["runs"], numbers["commit"]
+        self.runs = numbers["runs"]
         self.found: dict[str, dict[str, Any]] = {run: {kind: {} for kind in KINDS} for run in self.runs}
 
     def _run(self, run: str) -> dict[str, Any]:
@@ -206,6 +211,10 @@ class _Asked:
         """What made a run."""
         return self._run(run)["command"]
 
+    def commit(self, run: str) -> str:
+        """The commit of the code that made a run."""
+        return self._run(run)["commit"]
+
     def table(self, run: str, name: str, columns: Sequence[str] = (), **where: str) -> str:
         """A table of a run as Markdown: some of its columns, of the rows where other columns hold these cells."""
         found = self._find("tables", run, name)
@@ -257,9 +266,15 @@ def _commit() -> str:
 
 
 def main() -> None:
-    """Write the numbers of all runs, or with `pages` the pages only."""
-    if sys.argv[1:] != ["pages"]:
-        numbers = asked_for(templates().values(), collect(RUNS, _commit(), str(ROOT)))
+    """Write the numbers of all runs, or of those that are named, or with `pages` the pages only."""
+    named = sys.argv[1:]
+    if unknown := [run for run in named if run not in RUNS and named != ["pages"]]:
+        raise DataError(f"no published run {unknown[0]!r}; there are {', '.join(RUNS)}")
+    if named != ["pages"]:
+        made = collect(named or RUNS, _commit(), str(ROOT))["runs"]
+        kept = json.loads(NUMBERS.read_text(encoding="utf-8"))["runs"] if named else {}
+        runs = {run: {**kept, **made}[run] for run in RUNS if run in kept or run in made}
+        numbers = asked_for(templates().values(), {"runs": runs})
         text = json.dumps(numbers, indent=1, ensure_ascii=False)
         write_text(NUMBERS, _LIST.sub(lambda found: " ".join(found[0].split()), text) + "\n")  # a list per line
     for page, text in pages(json.loads(NUMBERS.read_text(encoding="utf-8"))).items():
