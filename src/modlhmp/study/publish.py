@@ -35,6 +35,7 @@ RUNS = {
     "folds": "config/real.yaml config/lab/folds.yaml",
     "networks": "config/real.yaml config/lab/networks.yaml",
     "likelihood": "config/real.yaml config/lab/likelihood.yaml",
+    "short": "config/real.yaml config/lab/short.yaml",
 }
 HORIZONS_S = (5.0, 10.0, 20.0, 30.0, 60.0)
 KINDS = ("scores", "differences", "tables")
@@ -49,6 +50,7 @@ TABLES = (
     "tab_occupied",
     "tab_likelihood",
     "tab_likelihood_given",
+    "tab_short",
     "folds",
     "readings-atc",
     "readings-edin",

@@ -18,16 +18,18 @@ from modlhmp.study.summary import ErrorsByOutput, at_horizons, main_output
 
 EXPECTED = ("mean_ade_m", "mean_fde_m", "best_ade_m", "best_fde_m", "samples")
 NOTE = (
-    "Mean ADE / FDE in m, 2.0 s after t0, over all forecasts, complete protocol. Expected: the mean over a forecast's "
+    "Mean ADE / FDE in m up to 2.0 s, over all forecasts, complete protocol. Expected: the mean over a forecast's "
     "samples, or the error of the one path of a method without; in brackets the 95 % interval, over days where there "
     "are five test days or more, else over persons. Less constant velocity: the paired difference of expected ADE "
-    "from {reference}. Best: of the first {best} samples. One path: of the method's own output. Covered: of the "
+    "from {reference}. One path: of the method's own output. Covered: of the "
     "forecasts, those that stay on the map for 2.0 s. At recorded rows: only forecasts whose t0 is a row of the file. "
     "At all others the position at t0 lies on the line to a row that is recorded later, so that every method, and "
     "constant velocity above all, is told where the person is going next. Published: another split; whether its "
     "positions were interpolated likewise is not known."
 )
-LINKED = "{title}: our split; {rate:.2f} rows per second interpolated to 10 Hz."
+SPLIT = (
+    "{title}: our split; {rate:.2f} rows per second interpolated to 10 Hz; a forecast of each track every {every:g} s."
+)
 
 
 def draw(
@@ -61,8 +63,12 @@ def draw(
     for title, (number, ade, fde) in SHORT.items():
         cell = {"expected ADE / FDE [m]": f"{ade:.3f} / {fde:.3f}", "samples": str(number)}
         rows.append({"dataset": "Edinburgh, published", "method": title} | cell)
-    rates = [LINKED.format(title=one.title, rate=1 / period) for one in datasets if (period := row_period_s(one))]
-    note = " ".join([*rates, NOTE.format(reference=methods.get(reference or "", "it (not compared)"), best=BEST_OF)])
+    splits = [
+        SPLIT.format(title=one.title, rate=1 / period, every=one.forecast_every_s)
+        for one in datasets
+        if one.forecast_every_s and (period := row_period_s(one))
+    ]
+    note = " ".join([*splits, NOTE.format(reference=methods.get(reference or "", "it (not compared)"))])
     table = pd.DataFrame(rows).fillna("–")
     write_table(table, stem, "2.0 s at 10 Hz", any(one.demo for one in datasets), note)
 
