@@ -7,7 +7,7 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.ttests import MeanTest, mean_test, paired_test
-from modlhmp.scoring.uncertainty import BEST_OF
+from modlhmp.scoring.uncertainty import BEST_OF, SAMPLES
 from modlhmp.storage import column, read_metadata, read_parquet
 from modlhmp.study import lacks
 from modlhmp.study.comparisons import clusters
@@ -16,16 +16,17 @@ from modlhmp.study.layout import Layout
 from modlhmp.study.published import AHEAD_S, SHORT, STEP_S
 from modlhmp.study.summary import ErrorsByOutput, at_horizons, main_output
 
+AGAINST = "expected ADE against constant velocity [m]"
 EXPECTED = ("mean_ade_m", "mean_fde_m", "best_ade_m", "best_fde_m", "samples")
 NOTE = (
     "Mean ADE / FDE in m up to 2.0 s, over all forecasts, complete protocol. Expected: the mean over a forecast's "
-    "samples, or the error of the one path of a method without; in brackets the 95 % interval, over days where there "
-    "are five test days or more, else over persons. Less constant velocity: the paired difference of expected ADE "
-    "from {reference}. One path: of the method's own output. Covered: of the "
-    "forecasts, those that stay on the map for 2.0 s. At recorded rows: only forecasts whose t0 is a row of the file. "
-    "At all others the position at t0 lies on the line to a row that is recorded later, so that every method, and "
-    "constant velocity above all, is told where the person is going next. Published: another split; whether its "
-    "positions were interpolated likewise is not known."
+    "samples, of the first {most} those that are still there, or the error of the one path of a method without; in "
+    "brackets the 95 % interval, over days where there are five test days or more, else over persons. Against constant "
+    "velocity: the paired difference of expected ADE from that of {reference}. One path: of the method's own output. "
+    "Covered: of the forecasts, those that stay on the map for 2.0 s. At recorded rows: only forecasts whose t0 is a "
+    "row of the file. At all others the position at t0 lies on the line to a row that is recorded later, so that every "
+    "method is told where the person is going next. Published: another split; whether its positions were interpolated "
+    "likewise is not known."
 )
 SPLIT = (
     "{title}: our split; {rate:.2f} rows per second interpolated to 10 Hz; a forecast of each track every {every:g} s."
@@ -68,7 +69,7 @@ def draw(
         for one in datasets
         if one.forecast_every_s and (period := row_period_s(one))
     ]
-    note = " ".join([*splits, NOTE.format(reference=methods.get(reference or "", "it (not compared)"))])
+    note = " ".join([*splits, NOTE.format(reference=methods.get(reference or "", "no compared method"), most=SAMPLES)])
     table = pd.DataFrame(rows).fillna("–")
     write_table(table, stem, "2.0 s at 10 Hz", any(one.demo for one in datasets), note)
 
@@ -136,21 +137,21 @@ def _cells(
     means = one.drop(columns="person").astype(float).mean()
     over = clusters(one["person"].to_numpy(str), days)
     ade, fde = (mean_test(one[name].to_numpy(), over) for name in EXPECTED[:2])
-    cells = {"expected ADE / FDE [m]": f"{_interval(ade)} / {_interval(fde)}", "less constant velocity [m]": "–"}
+    cells = {"expected ADE / FDE [m]": f"{_interval(ade)} / {_interval(fde)}", AGAINST: "–"}
     if reference is not None:
         theirs = reference["mean_ade_m"].reindex(one.index)
         less = paired_test(one["mean_ade_m"].to_numpy(), theirs.to_numpy(), over)
-        cells["less constant velocity [m]"] = _interval(less, "+.3f")
+        cells[AGAINST] = _interval(less, "+.3f")
     paper, steps = errors[main_output({output for output, _ in errors}), "paper"], round(AHEAD_S / STEP_S)
     cells |= {
         "samples": _number(means["samples"], ".1f"),
-        f"best of {BEST_OF}: ADE / FDE [m]": f"{_number(means['best_ade_m'])} / {_number(means['best_fde_m'])}",
-        "one path: ADE / FDE [m]": f"{_number(means['ade_m'])} / {_number(means['fde_m'])}",
+        f"best of {BEST_OF}: ADE / FDE [m]": _pair(means, "best_ade_m", "best_fde_m"),
+        "one path: ADE / FDE [m]": _pair(means, "ade_m", "fde_m"),
         "covered": f"{np.isfinite(paper.ade).sum(axis=1).mean() / (paper.eligible_steps >= steps).sum():.2%}",
         "n": str(len(one)),
     }
     rows = one[one["at_row"]]
-    at_rows = " / ".join(_number(rows[name].mean()) for name in EXPECTED[:2])
+    at_rows = _pair(rows[list(EXPECTED[:2])].mean(), *EXPECTED[:2])
     return cells | {"at recorded rows: expected ADE / FDE [m]": at_rows, "at recorded rows: n": str(len(rows))}
 
 
@@ -158,6 +159,11 @@ def _interval(test: MeanTest, form: str = ".3f") -> str:
     """A mean with its interval, if it has one."""
     reach = f" [{test.low:{form}}, {test.high:{form}}]" if np.isfinite(test.low) else ""
     return _number(test.mean, form) + reach
+
+
+def _pair(values: pd.Series, *names: str) -> str:
+    """`ADE / FDE`, or a dash."""
+    return " / ".join(map(_number, values[list(names)])) if np.isfinite(values[list(names)]).all() else "–"
 
 
 def _number(value: float, form: str = ".3f") -> str:
