@@ -62,6 +62,7 @@ results: environment     ## the real runs (MODLHMP_DATA) -> docs/numbers.json an
 	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/likelihood.yaml
 	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/likelihood.yaml \
 	    config/lab/likelihood_edinburgh.yaml
+	$(BIN)/snakemake --cores $(CORES) --configfile config/real.yaml config/lab/short.yaml
 	$(BIN)/python -m modlhmp.study.publish
 
 certify: environment     ## results/RUN/certificate.json of all that went in and came out (CONFIG="config/real.yaml ...")

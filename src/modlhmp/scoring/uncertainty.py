@@ -27,7 +27,7 @@ LEAST_LOG_DENSITY = -20.0  # so that one who is far from all samples does not de
 OF_MODES = ("modes_ade_m", "modes_fde_m", "modes_brier_m")
 MEASURES = (
     "energy_m", "kde_nll", "best_ade_m", "best_fde_m", "missed", *OF_MODES,
-    "expected_m", "real_m", "samples", "left", "has_left",
+    "mean_ade_m", "mean_fde_m", "expected_m", "real_m", "samples", "left", "has_left",
 )  # fmt: skip
 
 
@@ -46,10 +46,10 @@ def score_samples(
     method's own number of futures, of which there may be more. Each measure is a list over `horizons_s`, NaN where the
     track is shorter: `energy_m` the energy score [m], `kde_nll` what the function says [nat], `best_ade_m` and
     `best_fde_m` the best of the first five samples [m], `missed` (0 or 1) whether that FDE is over 2 m, those of
-    `OF_MODES` what `mode_errors` says, NaN for a method of another output, `expected_m` and `real_m` the distance of
-    the method's own output from its samples and from the truth [m]; `samples` how many the distribution has. `left` is
-    the probability that the person has left by then, `has_left` (0 or 1) whether they had; these two are known for
-    every track.
+    `OF_MODES` what `mode_errors` says, NaN for a method of another output, `mean_ade_m` and `mean_fde_m` the mean ADE
+    and FDE of the distribution's samples, `expected_m` and `real_m` the distance of the method's own output from its
+    samples and from the truth [m]; `samples` how many the distribution has. `left` is the probability that the person
+    has left by then, `has_left` (0 or 1) whether they had; these two are known for every track.
     """
     wanted, tables = windows(tracks, site, scenes), []
     steps = np.rint(np.asarray(horizons_s) / site.time_step_s).astype(int)
@@ -73,14 +73,16 @@ def measures(
     """{measure: [n, H] float32} after each of `steps` [H]; `truth` [n, T, 2], `length` [n] steps of it."""
     xy, steps_alive = samples_of(forecast)
     output, repeated = own_output(forecast, k), repeats(xy, steps_alive)
-    best = dict(zip(("best_ade_m", "best_fde_m"), displacement_errors(xy[:, :BEST_OF], truth), strict=True))
+    errors = dict(zip(("ade_m", "fde_m"), displacement_errors(xy, truth), strict=True))
     found = {name: np.full((len(truth), len(steps)), np.nan, np.float32) for name in MEASURES}
     for column, step in enumerate(steps):
         points, at = still_there(xy, steps_alive, repeated, step), truth[:, step - 1]
+        first, counted = of_distribution(steps_alive, repeated, step)
         now = {
             "energy_m": energy_score(points, at),
             "kde_nll": kde_nll(points, at),
-            **{name: one[:, :, step - 1].min(axis=1) for name, one in best.items()},
+            **{f"best_{name}": one[:, :BEST_OF, step - 1].min(axis=1) for name, one in errors.items()},
+            **{f"mean_{name}": _mean_of(one[:, :, step - 1], first, counted) for name, one in errors.items()},
             **mode_errors(forecast, truth, step),
             "expected_m": nan_mean(distance(points, output[:, None, step - 1]), axis=1),
             "real_m": distance(output[:, step - 1], at),
@@ -124,20 +126,33 @@ def own_output(forecast: Forecast, k: int) -> np.ndarray:
     return np.take_along_axis(own.xy, best[:, None, :, None], axis=1)[:, 0]
 
 
-def still_there(
-    xy: np.ndarray, steps_alive: np.ndarray, repeated: np.ndarray, step: int, most: int = SAMPLES
-) -> np.ndarray:
-    """The distribution after `step` steps: positions [n, `most`, 2], NaN where there are fewer.
+def of_distribution(
+    steps_alive: np.ndarray, repeated: np.ndarray, step: int, most: int = SAMPLES
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which samples are the distribution after `step` steps: their places [n, `most`], and whether each counts.
 
-    They are those of the first samples that are still alive, given that the person is still there; where none is, the
-    held ones of the first samples. `repeated` [n, m] samples do not count.
+    They are the first that are still alive, given that the person is still there; where none is, the held ones of the
+    first samples. `repeated` [n, m] samples do not count.
     """
     counted = (steps_alive >= step) & ~repeated
     counted = np.where(counted.any(axis=1, keepdims=True), counted, ~repeated)
     first = np.argsort(~counted, axis=1, kind="stable")[:, :most]
+    return first, np.take_along_axis(counted, first, axis=1)
+
+
+def still_there(
+    xy: np.ndarray, steps_alive: np.ndarray, repeated: np.ndarray, step: int, most: int = SAMPLES
+) -> np.ndarray:
+    """Positions [n, `most`, 2] of the samples `of_distribution` after `step` steps, NaN where there are fewer."""
+    first, counted = of_distribution(steps_alive, repeated, step, most)
     points = np.take_along_axis(xy[:, :, step - 1], first[..., None], axis=1).astype(np.float64)
-    points[~np.take_along_axis(counted, first, axis=1)] = np.nan
+    points[~counted] = np.nan
     return points
+
+
+def _mean_of(values: np.ndarray, first: np.ndarray, counted: np.ndarray) -> np.ndarray:
+    """Mean [n] of the values [n, m] of the samples `of_distribution`."""
+    return nan_mean(np.where(counted, np.take_along_axis(values, first, axis=1), np.nan), axis=1)
 
 
 @kernel

@@ -30,7 +30,11 @@ NEEDS_NUMBER = Lack("it is not the paper's, or has under two test tracks", "need
 TOO_FEW = Lack("fewer than two test tracks are in a comparison", "too few tracks")
 NOBODY = Lack("nobody is forecast at a moment of the study", "nobody was there")
 ONE_HOUR = Lack("its training recordings have under two hours with 100 rows", "needs two hours of training data")
+NOT_SHORT = Lack(
+    "its `time_step_s` is not 0.1, or 2 s is not among its horizons (`horizon_s`, `tables.horizons_s`)",
+    "needs steps of 0.1 s and a horizon of 2 s",
+)
 ALL = (
     NO_CLOCK, ESTIMATED_CLOCK, NO_MAP, NO_CELL, NOT_HERE, NO_LOCATION, NO_TRACK, NOT_AS_LONG, NO_FORECASTS, NO_RANKS,
-    NO_PLAN, NEEDS_PLAN, NEEDS_LONGER, NEEDS_NUMBER, TOO_FEW, NOBODY, ONE_HOUR,
+    NO_PLAN, NEEDS_PLAN, NEEDS_LONGER, NEEDS_NUMBER, TOO_FEW, NOBODY, ONE_HOUR, NOT_SHORT,
 )  # fmt: skip

@@ -40,6 +40,7 @@ RUNS = {
     "networks": "config/real.yaml config/lab/networks.yaml",
     "likelihood": "config/real.yaml config/lab/likelihood.yaml",
     "likelihood_edinburgh": "config/real.yaml config/lab/likelihood.yaml config/lab/likelihood_edinburgh.yaml",
+    "short": "config/real.yaml config/lab/short.yaml",
 }
 HORIZONS_S = (5.0, 10.0, 20.0, 30.0, 60.0)
 KINDS = ("scores", "differences", "tables")
@@ -54,6 +55,7 @@ TABLES = (
     "tab_occupied",
     "tab_likelihood",
     "tab_likelihood_given",
+    "tab_short",
     "folds",
     "readings-atc",
     "readings-edin",

@@ -9,6 +9,7 @@ from modlhmp.kinds import find
 from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
 from modlhmp.study.plan import Plan
+from modlhmp.study.published import AHEAD_S, STEP_S
 
 # --- what they need ---------------------------------------------------------------------------------------------------
 
@@ -36,6 +37,17 @@ def _claims(plan: Plan, datasets: list[Dataset]) -> list[str]:
         *(plan.layout.ttests(dataset.name) for dataset in datasets),
         *_studies(plan, datasets, _claimed_studies(plan)),
         *(plan.layout.runtime(name) for name in _measured(plan, datasets)),
+    ]
+
+
+def _short_errors(plan: Plan, datasets: list[Dataset]) -> list[str]:
+    return [
+        file
+        for name in _short(plan)
+        for file in (
+            *(plan.layout.errors(name, method) for method in plan.run.compare),
+            *(plan.layout.uncertainty(name, method) for method in plan.measured),
+        )
     ]
 
 
@@ -111,6 +123,22 @@ def _parameter_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "values": _values(plan, plan.studied),
         "chosen": {parameter: getattr(studied.options, parameter) for parameter in plan.studied},
         "horizons": plan.horizons[dataset.name],
+    }
+
+
+def _short(plan: Plan) -> list[str]:
+    """Datasets with forecasts that the field's short table has: at its steps and horizon."""
+    return [name for name, one in plan.datasets.items() if one.time_step_s == STEP_S and AHEAD_S in plan.horizons[name]]
+
+
+def _short_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
+    straight = [name for name in plan.run.compare if plan.run.kind(name).name == "cvm"]
+    return {
+        "methods": plan.titles,
+        "measured": plan.measured,
+        "reference": straight[0] if straight else None,
+        "short": _short(plan),
+        "days": {dataset.name: dataset.days("test") for dataset in datasets},
     }
 
 
@@ -234,6 +262,20 @@ EXHIBITS: tuple[Exhibit, ...] = (
             "kinds": {name: plan.run.kind(name).name for name in plan.read_anew},
         },
         wanted=lambda plan: bool(plan.read_anew),
+    ),
+    Exhibit(
+        name="tab_short",
+        form="table",
+        module=f"{MODULES}.short_table",
+        title="2.0 s at ten positions per second",
+        category="Tables",
+        caption="Expected errors 2.0 s ahead at ten positions per second: the mean over each forecast's samples, with "
+        "constant velocity beside them, and published numbers of this task, which are of another split.",
+        needs=_short_errors,
+        asks=_short_asks,
+        wanted=lambda plan: bool(_short(plan)),
+        lacks=(lacks.NOT_SHORT, lacks.NOT_AS_LONG),
+        memory_mb=2000,
     ),
     Exhibit(
         name="tab_encounters",
