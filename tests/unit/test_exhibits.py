@@ -2,6 +2,8 @@
 
 import inspect
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -191,3 +193,10 @@ def test_of_many_methods_curves_leave_the_variants_to_the_tables(plan):
         assert all(asks["methods"] == plan.drawn for _, asks in calls(exhibit, plan))
         assert "Variants" in exhibit.caption_in(plan)
         assert "Variants" not in exhibit.caption_in(few)
+
+
+def test_a_job_that_draws_does_not_load_what_only_tests_need():
+    """scipy.stats takes a second, as long as many a figure."""
+    modules = ", ".join(sorted({exhibit.module for exhibit in EXHIBITS}))
+    code = f"import sys, {modules}; print('scipy.stats' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"

@@ -1,8 +1,8 @@
-"""Prints a run's jobs as JSON instead of drawing its rules: what each needs, and of which modules its code is.
+"""Prints a run's jobs as JSON instead of drawing its rules: what each needs, its code's modules, its priority.
 
     python job_graph.py SNAKEMAKE_ARGUMENTS
 
-Each job is [rule, wildcards, modules, numbers of the jobs that it needs].
+Each job is [rule, wildcards, modules, numbers of the jobs that it needs, priority].
 """
 
 import json
@@ -18,8 +18,14 @@ def jobs_of(graph):
     jobs = list(graph.jobs)
     number = {job: place for place, job in enumerate(jobs)}
     listed = [
-        [job.rule.name, job.wildcards_dict, job.params.get("code", "").split(), [number[one] for one in needed]]
-        for job, needed in ((job, graph.dependencies[job]) for job in jobs)
+        [
+            job.rule.name,
+            job.wildcards_dict,
+            job.params.get("code", "").split(),
+            [number[one] for one in graph.dependencies[job]],
+            job.rule.priority,
+        ]
+        for job in jobs
     ]
     return json.dumps(listed)
 

@@ -43,6 +43,18 @@ def test_the_demo_plans_all_that_it_promises(jobs):
     assert {job.rule for job in jobs if not job.modules} == {"all"}
 
 
+def test_pictures_of_maps_come_before_what_takes_long(jobs):
+    """All that they need is started before the trainings, forecasts, scores and studies that could start, too."""
+    pictures = {"figure_stef_time", "figure_cliff_time", "figure_mod"}
+    needed = {number for number, job in enumerate(jobs) if job.rule in pictures}
+    assert len(needed) == 2 * len(pictures)
+    while more := {before for number in needed for before in jobs[number].needs} - needed:
+        needed |= more
+    long = ("train_", "forecast_", "score_", "read_", "measure_", "study_", "compare_", "climb_", "average_")
+    others = [job.priority for job in jobs if job.rule.startswith(long)]
+    assert min(jobs[number].priority for number in needed) > max(others)
+
+
 @pytest.mark.parametrize(
     ("module", "rules"),
     [

@@ -56,6 +56,10 @@ if LOCKED and workflow.is_main_process and "--unlock" not in sys.argv:
 
 onstart:
     remove_leftovers(LAYOUT.results, LAYOUT.exhibits, LAYOUT.demo)
+    # Its limit of jobs per second lets Snakemake look at all ready jobs again one second after every look, and once
+    # more for every job that ends: hundreds of looks a second in the end. Cores limit local jobs already.
+    if workflow.local_exec:
+        workflow.scheduler.job_rate_limiter = None
 
 
 onerror:

@@ -32,6 +32,7 @@ for exhibit in EXHIBITS:
             LAYOUT.log(exhibit.rule, *names),
         wildcard_constraints:
             label="|".join(one.label for one in DATASETS.values()),
+        priority: 1  # what can be looked at comes before what takes long
         resources:
             mem_mb=exhibit.memory_mb,
             runtime=exhibit.minutes,

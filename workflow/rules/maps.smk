@@ -24,6 +24,7 @@ for kind in all_kinds().values():
             LAYOUT.log(f"build_{kind.name}", "{dataset}"),
         benchmark:
             LAYOUT.benchmark(f"build_{kind.name}", "{dataset}")
+        priority: 1  # before trainings and forecasts, so that there are pictures soon
         resources:
             mem_mb=1500,
             runtime=60,

@@ -28,6 +28,7 @@ rule make_demo_recording:
         LAYOUT.log("make_demo_recording", "{file}"),
     wildcard_constraints:
         file="|".join(DEMO_FILES),
+    priority: 2
     resources:
         mem_mb=1000,
         runtime=5,
@@ -48,6 +49,7 @@ rule make_demo_floor_plan:
         image=f"{LAYOUT.demo}/hall/hall.pgm",
     log:
         LAYOUT.log("make_demo_floor_plan"),
+    priority: 2
     resources:
         mem_mb=500,
         runtime=5,
@@ -104,6 +106,7 @@ rule clean_recording:
         LAYOUT.log("clean_recording", "{dataset}", "{recording}"),
     benchmark:
         LAYOUT.benchmark("clean_recording", "{dataset}", "{recording}")
+    priority: 2
     resources:
         mem_mb=1000,
         runtime=30,
@@ -137,7 +140,7 @@ rule check_splits:
         LAYOUT.checks("{dataset}"),
     log:
         LAYOUT.log("check_splits", "{dataset}"),
-    priority: 1  # before maps and forecasts, which would be in vain
+    priority: 2  # before maps and forecasts, which would be in vain
     resources:
         mem_mb=1000,
         runtime=15,

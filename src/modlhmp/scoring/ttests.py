@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from modlhmp.scoring.errors import nan_mean, seed_mean
 
@@ -109,16 +108,23 @@ def _test(mean, without, n, varies):
     error = np.sqrt((clusters - 1) / clusters * (about**2).sum()) if clusters > 1 else 0.0
     if not (varies and error > 0):
         return MeanTest(n, clusters, mean, *[np.nan] * 6)
-    t, law = mean / error, stats.t(clusters - 1)
+    t, law = mean / error, _students_t(clusters)
     reach = law.ppf(0.975) * error
     return MeanTest(n, clusters, mean, mean - reach, mean + reach, np.nan, t, law.cdf(t), law.sf(t))
+
+
+def _students_t(clusters):
+    """Student's t distribution of a mean over so many clusters."""
+    from scipy import stats  # noqa: PLC0415 - takes a second to load, and most exhibits test nothing
+
+    return stats.t(clusters - 1)
 
 
 def detectable(test: MeanTest, level: float = 0.05, power: float = 0.8) -> float:
     """The difference that a one-sided test of such a spread and number of clusters would find in four of five tries."""
     if not np.isfinite(test.low):
         return float("nan")
-    law = stats.t(test.clusters - 1)
+    law = _students_t(test.clusters)
     error = (test.high - test.low) / 2 / law.ppf(0.975)
     return float((law.ppf(1 - level) + law.ppf(power)) * error)
 

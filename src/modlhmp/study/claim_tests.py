@@ -7,7 +7,6 @@ Each takes (evidence of one dataset, {method: title}, {method: kind}) and yields
 from collections.abc import Mapping
 
 import numpy as np
-from scipy import stats
 
 from modlhmp.kinds import find
 from modlhmp.scoring.errors import seed_mean
@@ -132,6 +131,8 @@ def _length(one, _titles, _kinds):
     if claimed is None or len(one.lengths) < 2:
         yield _row("", str(lacks.NEEDS_NUMBER), "", verdict="not tested")
         return
+    from scipy import stats  # noqa: PLC0415 - takes a second to load, and only this claim needs it
+
     test = stats.quantile_test(one.lengths, q=claimed, p=0.9)
     low, high = test.confidence_interval(0.95)
     yield {

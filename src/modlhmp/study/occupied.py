@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.stats import t
 
 from modlhmp.forecasting.base import Forecaster
 from modlhmp.forecasting.observe import Observed
@@ -254,6 +253,8 @@ def reliability_of(bins: pd.DataFrame) -> pd.DataFrame:
     (both: C. Cameron, J. Gelbach, D. Miller, J. Bus. Econ. Stat. 29, 2011). A bin of `ENOUGH` cells is calibrated if
     its outcome is within `CLOSE` of the forecast, or the forecast within the interval; of others nothing is said.
     """
+    from scipy.stats import t  # noqa: PLC0415 - takes a second to load, and only tables of the bins need it
+
     rows = []
     for (method, horizon_s, number), group in bins.groupby(["method", "horizon_s", "bin"], sort=False):
         n = int(group["n"].sum())
