@@ -224,6 +224,31 @@ def test_every_parquet_file_carries_its_provenance(tiny_run):
         assert all(len(digest) == 64 for digest in origin["sources"].values())
 
 
+SAYS = {
+    ".parquet": lambda file: read_metadata(file)["modlhmp.version"] == modlhmp.__version__,
+    ".json": lambda file: json.loads(file.read_text())["modlhmp.version"] == modlhmp.__version__,
+    ".safetensors": lambda file: f'modlhmp.version\\": \\"{modlhmp.__version__}'.encode() in file.read_bytes()[:4000],
+    ".png": lambda file: Image.open(file).text["Software"] == f"modlhmp {modlhmp.__version__}",
+    ".pdf": lambda file: f"/Creator (modlhmp {modlhmp.__version__})".encode() in file.read_bytes(),
+    ".html": lambda file: f'<meta name="generator" content="modlhmp {modlhmp.__version__}">' in file.read_text(),
+    ".md": lambda file: f"<!-- modlhmp {modlhmp.__version__} -->" in file.read_text(),
+    ".tex": lambda file: f" modlhmp {modlhmp.__version__}\n" in file.read_text(),
+    # A comment would break whoever reads a table, so a CSV has its version in the files of the same name.
+    ".csv": lambda file: file.with_suffix(".pdf").exists() or file.with_suffix(".html").exists() or (
+        set(pd.read_csv(file)["version"]) == {modlhmp.__version__}
+    ),
+}  # fmt: skip
+
+
+def test_every_output_says_which_version_wrote_it(tiny_run):
+    """All but what is no result: logs, times of jobs and checkpoints."""
+    folders = (tiny_run.folder / "results/tiny", tiny_run.folder / "paper_figures/tiny")
+    files = [file for folder in folders for file in folder.rglob("*") if file.is_file()]
+    files = [file for file in files if file.suffix not in {".log", ".tsv", ".checkpoint"}]
+    assert {file.suffix for file in files} == set(SAYS)
+    assert [str(file) for file in files if not SAYS[file.suffix](file)] == []
+
+
 def test_a_second_run_does_nothing(tiny_run):
     """All is up to date."""
     assert "Nothing to be done" in tiny_run.snakemake("--cores", 2, *TINY)
