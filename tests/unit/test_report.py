@@ -12,7 +12,8 @@ from explored_run import HALL, YARD
 from reported_run import ACCOUNT, DAYS, GRAPH, NOTE, make_report
 
 from modlhmp import __version__
-from modlhmp.storage import write_json
+from modlhmp.storage import DataError, write_json
+from modlhmp.study.exhibits.table_forms import tables_of
 from modlhmp.study.layout import Layout
 from modlhmp.study.report import facts
 from modlhmp.study.report.look import ASSETS
@@ -122,6 +123,11 @@ def test_sentences_have_the_run_s_numbers(page, made):
     assert "1 support a claim, 0 contradict one and 1 show neither" in page.said
     assert f"modlhmp {__version__}" in page.said
     assert {"name": "generator", "content": f"modlhmp {__version__}"} in page.all("meta")
+
+
+def test_a_table_of_another_make_is_refused():
+    with pytest.raises(DataError, match="not a table of this version"):
+        tables_of("<!DOCTYPE html><h1>Results</h1><table></table>")
 
 
 def test_cleaning_adds_up(tmp_path):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from modlhmp import __version__
-from modlhmp.storage import write_text
+from modlhmp.storage import DataError, write_text
 from modlhmp.study.csv_cells import csv_text
 
 _BEGIN, _END = "<main>", "</main>"  # of what a table's HTML form holds beside its heading
@@ -104,5 +104,8 @@ def _row(cells):
 
 
 def tables_of(page: str) -> str:
-    """The notes and tables of a table's HTML form, without its heading."""
-    return page.partition(_BEGIN)[2].partition(_END)[0].strip()
+    """The notes and tables of a table's HTML form, without its heading; `DataError` for a page of another make."""
+    begin, end = page.find(_BEGIN), page.find(_END)
+    if min(begin, end) < 0:
+        raise DataError(f"{page[:60]!r}...: not a table of this version; delete the file and run the workflow again")
+    return page[begin + len(_BEGIN) : end].strip()
