@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from modlhmp.storage import DataError
     from modlhmp.tracks import Tracks
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"  # the one place; the package, its outputs and its pages take it from here
 
 _HOMES = {
     "read_tracks": "modlhmp.api",

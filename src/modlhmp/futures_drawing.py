@@ -7,6 +7,7 @@ import numpy as np
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.ranking import best_path
 from modlhmp.futures import Futures
+from modlhmp.pictures import made_by
 from modlhmp.storage import DataError, atomic_path
 from modlhmp.tracks import Tracks
 
@@ -48,7 +49,7 @@ def draw_futures(futures: Futures, history: Tracks, title: str, path: str | Path
     axes.set(xlim=limits[0], ylim=limits[1])
     figure.set_size_inches(*(PANEL_IN * sides / sides.max() + BESIDE_IN))
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=130, bbox_inches="tight")
+        figure.savefig(temporary, format="png", dpi=130, bbox_inches="tight", metadata=made_by("png"))
 
 
 def _samples(forecast: Forecast, walker: int) -> zip:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
+from modlhmp import __version__
 from modlhmp.floor_plan import OCCUPIED, load_floor_plan
 from modlhmp.storage import DataError, atomic_path, column
 
@@ -118,11 +119,21 @@ def draw_walls(ax: "Axes", floor_plan: str | Path) -> None:
     ax.set(xlim=limits[0], ylim=limits[1])
 
 
+_MADE_BY = {"png": ("Software", ""), "pdf": ("Creator", "CreationDate"), "svg": ("Creator", "Date")}
+
+
+def made_by(suffix: str) -> dict[str, str | None]:
+    """Metadata that say what made a picture, for `savefig`; without a date, so that the same one is the same bytes."""
+    maker, date = _MADE_BY[suffix]
+    return {maker: f"modlhmp {__version__}", **({date: None} if date else {})}
+
+
 def save(figure: "Figure", path: str | Path) -> None:
     """Write a figure in the format that its name says."""
     try:
         with atomic_path(path) as temporary:
-            figure.savefig(temporary, format=Path(path).suffix[1:], dpi=150, bbox_inches="tight")
+            suffix = Path(path).suffix[1:]
+            figure.savefig(temporary, format=suffix, dpi=150, bbox_inches="tight", metadata=made_by(suffix))
     except OSError as error:
         raise DataError(f"{path}: cannot be written ({error})") from None
 

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from modlhmp import __version__
 from modlhmp.arguments import path_of
 from modlhmp.forecasting.occupancy import Occupancy
 from modlhmp.forecasting.ranking import best_path
@@ -43,6 +44,7 @@ def write_map(occupancy: Occupancy, path: str | Path, at_s: float) -> Path:
     image, grid = path.with_suffix(".pgm"), percent(occupancy)[moment[0]]
     (rows, columns), (x, y) = grid.shape, occupancy.origin
     about = f"Probability in per cent that a cell is occupied {at_s:g} s after {occupancy.t0:.3f} (unix s)"
+    about += f", by modlhmp {__version__}"
     text = (
         f"# {about}.\nimage: {json.dumps(image.name)}\nmode: raw\nresolution: {_plain(occupancy.cell_m)}\n"
         f"origin: [{_plain(x)}, {_plain(y)}, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"

@@ -23,8 +23,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from modlhmp import __version__
+
 _PROVENANCE = b"modlhmp"
 SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64
+VERSION = "modlhmp.version"  # the key under which a file says what wrote it
 _NOT_AS_WRITTEN = "is not as it was written (its seal does not fit); delete it and make it again"
 _SEAL_OF_TEXT = re.compile(rb'"modlhmp\.seal": ?"')  # what stands before the seal in JSON
 _WIDTHS = {"BOOLEAN": 1, "INT32": 4, "FLOAT": 4}  # bytes of a value in memory; others have 8, or are held once
@@ -218,8 +221,8 @@ def _digest(path: str | Path) -> tuple[str, int]:
 
 
 def provenance_metadata(**provenance: Any) -> dict[bytes, str]:
-    """Schema metadata that carries `provenance` as JSON."""
-    return {_PROVENANCE: json.dumps(provenance, sort_keys=True)}
+    """Schema metadata that carries `provenance` as JSON, and the version that wrote it."""
+    return {_PROVENANCE: json.dumps({VERSION: __version__, **provenance}, sort_keys=True)}
 
 
 def read_metadata(path: str | Path) -> dict[str, Any]:
@@ -236,8 +239,8 @@ def read_metadata(path: str | Path) -> dict[str, Any]:
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write a mapping as JSON that only `read_json` needs to understand: its first key is the seal."""
-    text = json.dumps({**unsealed(), **content}, indent=1) + "\n"
+    """Write a mapping as JSON that only `read_json` needs to understand: seal and version come first."""
+    text = json.dumps({**unsealed(), VERSION: __version__, **content}, indent=1) + "\n"
     with atomic_path(path) as temporary:
         temporary.write_bytes(sealed(text.encode()))
 
@@ -248,6 +251,7 @@ def read_json(path: str | Path) -> dict[str, Any]:
     try:
         content = json.loads(whole)
         del content[SEAL.decode()]
+        content.pop(VERSION, None)  # it says who wrote the file, and is no part of what is written
     except (ValueError, TypeError, KeyError, RecursionError):
         raise DataError(f"{path}: is no JSON that modlhmp has written; delete it and make it again") from None
     return content

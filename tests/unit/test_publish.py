@@ -149,4 +149,4 @@ def test_every_published_number_is_made_by_a_run(template):
     """And the page is what the committed numbers give."""
     text, numbers = template.read_text(encoding="utf-8"), json.loads(publish.NUMBERS.read_text(encoding="utf-8"))
     assert publish.unmade(text) == []
-    assert (publish.PAGES / template.name).read_text(encoding="utf-8") == publish.render(text, numbers)
+    assert publish.page_of(template).read_text(encoding="utf-8") == publish.render(text, numbers)

@@ -10,7 +10,7 @@ import tomllib
 from modlhmp.contract import crowd
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "config/README.md",
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "config/README.md",
          ROOT / "paper_figures/README.md", ROOT / "notebooks/README.md"]  # fmt: skip
 
 
@@ -27,10 +27,13 @@ def monday(tmp_path, monkeypatch):
 
 
 def test_the_lines_of_the_library_run(monday, capsys):
-    code, stream = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    assert 8 <= len([line for line in code.splitlines() if line.strip()]) <= 14
-    names = {}
+    (short,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    assert len([line for line in short.splitlines() if line]) == 10
+    code, stream = re.findall(r"```python\n(.*?)```", (ROOT / "docs/library.md").read_text(), re.DOTALL)
+    names, ten = {}, {}
     exec(code, names)
+    exec(short, ten)
+    np.testing.assert_array_equal(ten["futures"].best, names["futures"].best)
     tracks, futures = names["tracks"], names["futures"]
     assert len(np.unique(tracks.track_id)) == 40
     assert futures.best.shape == (len(futures.track_id), 10, 2)
@@ -42,6 +45,17 @@ def test_the_lines_of_the_library_run(monday, capsys):
     assert names["futures"].t0.tolist() == [names["live"].now] * len(names["futures"].t0)
     assert names["p"].ndim == 3
     assert 0 < names["p"][0].sum() <= len(names["futures"].t0) + 1e-3
+
+
+def test_the_readme_is_one_screen_with_one_picture_and_one_result():
+    """Nothing is loaded from elsewhere; the picture has words for those who do not see it, and its own ground."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 70 and len(text.encode()) <= 4096
+    ((words, picture),) = re.findall(r"!\[(.*?)\]\((.*?)\)", text)
+    assert len(words) > 40 and not re.search(r"]\(https?:", text)
+    drawn = (ROOT / picture).read_text(encoding="utf-8")
+    assert "<title" in drawn and re.search(r'<rect width="\d+" height="\d+" rx="8" fill="#ffffff"/>', drawn)
+    assert text.count(" of 344 |") == 3 and "One ATC day, our\nsplit" in text
 
 
 def test_the_outside_package_of_the_docs_is_laid_out_like_the_one_that_is_tested():

@@ -7,7 +7,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from modlhmp import __version__
 from modlhmp.storage import (
+    VERSION,
     DataError,
     atomic_path,
     column,
@@ -76,7 +78,7 @@ def test_pieces_make_one_table_and_are_taken_as_they_come(tmp_path):
     got = read_parquet(tmp_path / "t.parquet")
     assert got.schema.equals(whole.schema)
     assert got["name"].to_pylist() == whole["name"].to_pylist()
-    assert read_metadata(tmp_path / "t.parquet") == {"seed": 3}
+    assert read_metadata(tmp_path / "t.parquet") == {"seed": 3, VERSION: __version__}
     again = list(read_pieces(tmp_path / "t.parquet", ["id", "path"]))
     assert [len(piece) for piece in again] == [1700, 1, 3299]
     for name in ("id", "path"):

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,7 @@ def exhibits(tables, figures):
         *(f"{figure}.{kind}" for figure in figures for kind in ("csv", "pdf", "png")),
         "results.csv",
         "explorer.html",
+        "report.html",
     }
 
 
@@ -222,6 +224,31 @@ def test_every_parquet_file_carries_its_provenance(tiny_run):
         assert all(len(digest) == 64 for digest in origin["sources"].values())
 
 
+SAYS = {
+    ".parquet": lambda file: read_metadata(file)["modlhmp.version"] == modlhmp.__version__,
+    ".json": lambda file: json.loads(file.read_text())["modlhmp.version"] == modlhmp.__version__,
+    ".safetensors": lambda file: f'modlhmp.version\\": \\"{modlhmp.__version__}'.encode() in file.read_bytes()[:4000],
+    ".png": lambda file: Image.open(file).text["Software"] == f"modlhmp {modlhmp.__version__}",
+    ".pdf": lambda file: f"/Creator (modlhmp {modlhmp.__version__})".encode() in file.read_bytes(),
+    ".html": lambda file: f'<meta name="generator" content="modlhmp {modlhmp.__version__}">' in file.read_text(),
+    ".md": lambda file: f"<!-- modlhmp {modlhmp.__version__} -->" in file.read_text(),
+    ".tex": lambda file: f" modlhmp {modlhmp.__version__}\n" in file.read_text(),
+    # A comment would break whoever reads a table, so a CSV has its version in the files of the same name.
+    ".csv": lambda file: file.with_suffix(".pdf").exists() or file.with_suffix(".html").exists() or (
+        set(pd.read_csv(file)["version"]) == {modlhmp.__version__}
+    ),
+}  # fmt: skip
+
+
+def test_every_output_says_which_version_wrote_it(tiny_run):
+    """All but what is no result: logs, times of jobs and checkpoints."""
+    folders = (tiny_run.folder / "results/tiny", tiny_run.folder / "paper_figures/tiny")
+    files = [file for folder in folders for file in folder.rglob("*") if file.is_file()]
+    files = [file for file in files if file.suffix not in {".log", ".tsv", ".checkpoint"}]
+    assert {file.suffix for file in files} == set(SAYS)
+    assert [str(file) for file in files if not SAYS[file.suffix](file)] == []
+
+
 def test_a_second_run_does_nothing(tiny_run):
     """All is up to date."""
     assert "Nothing to be done" in tiny_run.snakemake("--cores", 2, *TINY)
@@ -262,10 +289,23 @@ def test_report_holds_the_exhibits(tiny_run):
     categories = json.loads(re.search(r"var categories = ({.*?});?\n", report)[1])
     sorted_in = {path: name for name, group in categories.items() for paths in group.values() for path in paths}
     assert sorted_in.keys() == set(shown)
-    assert set(sorted_in.values()) == {"Tables", "Figures", "Maps", "Forecasts", "Studies", "Explorer"}
+    assert set(sorted_in.values()) == {"Tables", "Figures", "Maps", "Forecasts", "Studies", "Explorer", "Report"}
     for text in ("Two protocols stand", "were made up by the project", "Which claims hold"):
         assert text in report
     assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=.https?:", report)
+
+
+def test_the_run_reads_as_a_paper(tiny_run):
+    """Every exhibit once, and the graph that Snakemake itself has of these jobs, exhibits of one form as one."""
+    page = (tiny_run.folder / "paper_figures/tiny/report.html").read_text()
+    shown = Counter(re.findall(r'data-exhibit="(?:paper_figures/tiny/)?([^"]+)"', page))
+    assert shown == Counter({name.partition(".")[0] for name in EXHIBITS} - {"results", "report"})
+    assert not re.findall(r"https?://", page.partition("</style>")[2].replace("http://www.w3.org", ""))
+    many = {"table": "tables", "figure": "figures", "page": "pages"}
+    jobs = tiny_run.jobs(*TINY, "--", "paper_figures/tiny/report.html")
+    rules = Counter(many.get(job.rule.partition("_")[0], job.rule) for job in jobs if job.rule != "write_report")
+    drawn = dict(re.findall(r"<text [^>]*>(\w+)(?: ×(\d+))?</text>", page))
+    assert {rule: int(number or 1) for rule, number in drawn.items()} == rules
 
 
 def edited(tiny_run, tmp_path, module):
@@ -279,7 +319,7 @@ def edited(tiny_run, tmp_path, module):
 def test_an_edit_of_the_tests_code_compares_again(tiny_run, tmp_path):
     """Nothing else; `test_reruns` asks for the others without a dry run each."""
     rules = {"compare_methods": 2, "climb_ladder": 2, "table_ttests": 1, "table_claims": 1, "all": 1}
-    rules |= {"table_ladder": 2, "figure_ladder": 1}
+    rules |= {"table_ladder": 2, "figure_ladder": 1, "write_report": 1}
     rules |= {"measure_likelihood": 2, "table_likelihood": 1, "figure_likelihood": 1}
     rules |= {"measure_given": 2, "table_likelihood_given": 1, "figure_prequential": 1}
     assert edited(tiny_run, tmp_path, "scoring/ttests.py") == rules

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+import modlhmp
+
 ROOT = Path(__file__).parents[2]
 TEN_LINES = """
 import modlhmp
@@ -22,17 +24,27 @@ print(modlhmp.__file__, futures.best.shape[1:], modlhmp.score(futures, people).a
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    """The wheel, built from the repository."""
-    folder = tmp_path_factory.mktemp("wheel")
-    copy = folder / "source"  # building leaves files beside the sources
+def source(tmp_path_factory):
+    """A copy of what is packed: building leaves files beside the sources."""
+    copy = tmp_path_factory.mktemp("source") / "modlhmp"
     shutil.copytree(ROOT / "src", copy / "src", ignore=shutil.ignore_patterns("__pycache__", "*.egg-info"))
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, copy)
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", folder, copy]
-    subprocess.run(command, check=True, capture_output=True)
+    return copy
+
+
+def wheel_of(source, folder):
+    """The wheel of a folder or an sdist."""
+    command = ["-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "-w", folder, source]
+    subprocess.run([sys.executable, *command], check=True, capture_output=True)
     (file,) = folder.glob("*.whl")
     return file
+
+
+@pytest.fixture(scope="module")
+def wheel(source, tmp_path_factory):
+    """The wheel, built from the repository."""
+    return wheel_of(source, tmp_path_factory.mktemp("wheel"))
 
 
 def test_it_holds_the_package_with_its_schemas(wheel):
@@ -42,6 +54,21 @@ def test_it_holds_the_package_with_its_schemas(wheel):
     sources = {f"modlhmp/{file.relative_to(ROOT / 'src/modlhmp').as_posix()}" for file in files}
     assert sources <= set(names)
     assert "modlhmp/schemas/dataset.schema.json" in names
+
+
+def test_the_sdist_makes_the_same_wheel(source, wheel, tmp_path):
+    """Nothing that is needed to build it is left in the repository alone."""
+    command = ["-m", "build", "--sdist", "--no-isolation", "--outdir", tmp_path, source]
+    subprocess.run([sys.executable, *command], check=True, capture_output=True)
+    (packed,) = tmp_path.glob("*.tar.gz")
+    assert packed.name == f"modlhmp-{modlhmp.__version__}.tar.gz"
+    (tmp_path / "wheel").mkdir()
+    again = wheel_of(packed, tmp_path / "wheel")
+    assert again.name == wheel.name
+    of = [
+        {name: zipfile.ZipFile(file).read(name) for name in zipfile.ZipFile(file).namelist()} for file in (wheel, again)
+    ]
+    assert of[0] == of[1]
 
 
 def test_it_works_elsewhere_without_the_study_s_libraries(wheel, tmp_path):
@@ -58,6 +85,6 @@ def test_it_works_elsewhere_without_the_study_s_libraries(wheel, tmp_path):
         return done.stdout.splitlines()
 
     assert run("-c", TEN_LINES) == [f"{tmp_path}/site/modlhmp/__init__.py (5, 2) True"]
-    assert run("-m", "modlhmp.cli", "--version") == ["modlhmp 0.1.0"]
+    assert run("-m", "modlhmp.cli", "--version") == [f"modlhmp {modlhmp.__version__}"]
     assert any(line.startswith("tc_cliff") for line in run("-m", "modlhmp.cli", "kinds"))
     assert any("sampling_radius_m = 1.0" in line for line in run("-m", "modlhmp.cli", "kinds", "cliff"))

@@ -20,6 +20,9 @@ from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study import running
 from modlhmp.study.killed import killed_jobs
 from modlhmp.study.layout import SUMS, Layout
+from modlhmp.study.report.about import about, files as report_files
+from modlhmp.study.report.look import assets_version
+from modlhmp.study.report.rule_graph import rule_graph
 from modlhmp.study.plan import (
     CLEANING_KEYS,
     FORECAST_KEYS,

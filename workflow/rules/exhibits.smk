@@ -2,8 +2,9 @@
 #
 # INPUTS   paper_figures/{run}/results.csv; results/{run}/{dataset}: what each record needs, and that its splits are checked
 # OUTPUTS  paper_figures/{run}/<name>.{csv,tex,md,html} of tables, .{csv,pdf,png} of figures,
-#          .html of the explorer
-# STEPS    table_{name}, figure_{name}, page_{name}; tables, figures, studies and runtime collect them
+#          .html of the explorer; report.html
+# STEPS    table_{name}, figure_{name}, page_{name}; tables, figures, studies and runtime collect them;
+#          write_report puts all in their places
 
 for exhibit in EXHIBITS:
     stem, names = LAYOUT.exhibit(exhibit.name), ["{label}"] * exhibit.per_dataset
@@ -81,6 +82,41 @@ rule studies:
     """Every study of the run: trainings, the ladder, one parameter varied, less training data, the runtime if measured."""
     input:
         STUDY_FILES,
+
+
+REPORT_FILES = report_files(PLAN)
+
+
+rule write_report:
+    """The run as a paper: one page with every exhibit in its place."""
+    input:
+        REPORT_FILES,
+    output:
+        report(
+            LAYOUT.report,
+            caption="../report/exhibit.rst",
+            category="Report",
+            labels={"exhibit": "the report", "dataset": "all"},
+        ),
+    log:
+        LAYOUT.log("write_report"),
+    resources:
+        mem_mb=1000,
+        runtime=15,
+    params:
+        run=RUN.run,
+        datasets=[PLAN.settings_of(name) for name in DATASETS],
+        about=about(PLAN),
+        graph=lambda wildcards: rule_graph(workflow.rules, REPORT_FILES),
+        rules={one.rule: one.form for one in EXHIBITS if one.made_in(PLAN)},
+        look=assets_version(),
+        caption="The run as a paper: question, data, method, results, claims and limits, every exhibit in its place, "
+        "and which rule needs which. Opened from its own folder it leads on to the explorer and to every file.",
+        code=code_of("write_report"),
+    message:
+        "Write the report of {LAYOUT.run}"
+    script:
+        "../scripts/write_report.py"
 
 
 rule runtime:

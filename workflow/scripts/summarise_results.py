@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from modlhmp import __version__
 from modlhmp.logs import job_log, progress
 from modlhmp.storage import write_text
 from modlhmp.study.csv_cells import csv_text
@@ -15,6 +16,6 @@ with job_log(snakemake.log[0]) as log:
         summarise(dataset, method, read_errors(layout.errors(dataset, method)), params.time_steps[dataset])
         for dataset, method in progress(wanted, desc="methods")
     ]
-    results = pd.concat(tables, ignore_index=True)
+    results = pd.concat(tables, ignore_index=True).assign(version=__version__)  # the one CSV with nothing beside it
     log.info("%d rows", len(results))
     write_text(snakemake.output[0], csv_text(results, float_format="%.6g"))

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
+from modlhmp import __version__
 from modlhmp.exchange.columns import write_columns
 from modlhmp.exchange.tracks import tracks_table
 from modlhmp.exchange.trajnet import scene_line, track_lines, tracks_as_lines, write_lines
@@ -23,7 +24,7 @@ from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.forecasting.windows import windows
 from modlhmp.settings import as_plain
 from modlhmp.site import Site
-from modlhmp.storage import DataError, write_text
+from modlhmp.storage import VERSION, DataError, write_text
 from modlhmp.tracks import Tracks, together
 
 FORMS = ("csv", "parquet", "ndjson")
@@ -149,7 +150,7 @@ def write_task(
     leaks = [NEIGHBOUR_LEAK.format(form=form)] if with_neighbours else []
     if task.about["forecast_every_s"] is not None:
         leaks.append(LATER_LEAK.format(every=task.about["forecast_every_s"]))
-    about = {**task.about, "neighbours": with_neighbours, "columns": COLUMNS, "leaks": leaks}
+    about = {VERSION: __version__, **task.about, "neighbours": with_neighbours, "columns": COLUMNS, "leaks": leaks}
     files.append(folder / "task.json")
     if files[-1].exists():
         for old in (folder / f"{name}.{of}" for name in ("observations", "neighbours", "training") for of in FORMS):

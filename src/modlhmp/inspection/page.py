@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from html import escape
 from pathlib import Path
 
+from modlhmp import __version__
+
 _STYLE = (
     "body{font:15px/1.5 sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#222}"
     "table{border-collapse:collapse;width:100%}td,th{border-bottom:1px solid #ddd;padding:.3rem .6rem;text-align:left;"
@@ -24,6 +26,7 @@ def page(
     told = [f'<p class="{severity}"><b>{escape(of)}</b>: {escape(text)}</p>' for severity, of, text in findings]
     parts = [
         f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
+        f'<meta name="generator" content="modlhmp {__version__}">',
         f"<style>{_STYLE}</style></head><body><h1>{escape(title)}</h1>",
         *(told or ["<p>Nothing looks wrong.</p>"]),
     ]

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from modlhmp.motion import moves
+from modlhmp.pictures import made_by
 from modlhmp.storage import atomic_path
 from modlhmp.tracks import Tracks, usual_step
 
@@ -74,4 +75,6 @@ def draw(tracks: Tracks, title: str, path: str | Path) -> None:
     times.set(xlabel="time since the first row / h", ylabel="rows")
     figure.suptitle(title)
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, format="png", dpi=110, bbox_inches="tight")  # a place may be narrow
+        figure.savefig(
+            temporary, format="png", dpi=110, bbox_inches="tight", metadata=made_by("png")
+        )  # a place may be narrow

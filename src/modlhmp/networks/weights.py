@@ -9,14 +9,15 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
-from modlhmp.storage import DataError, atomic_path, read_sealed, sealed, unsealed
+from modlhmp import __version__
+from modlhmp.storage import VERSION, DataError, atomic_path, read_sealed, sealed, unsealed
 
 
 def write_weights(path: str | Path, weights: Mapping[str, torch.Tensor], settings: Mapping[str, Any]) -> None:
     """Write a network's weights (its `state_dict`) and what it was built from; the same ones are the same bytes."""
     ((seal, zeros),) = unsealed().items()
     # One entry of metadata, the settings behind the seal: several would stand in an order of chance.
-    about = {seal: zeros + json.dumps(settings, sort_keys=True)}
+    about = {seal: zeros + json.dumps({VERSION: __version__, **settings}, sort_keys=True)}
     own = {name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in weights.items()}
     content = save(own, about)
     with atomic_path(path) as temporary:
@@ -34,6 +35,7 @@ def read_weights(path: str | Path) -> tuple[dict[str, torch.Tensor], dict[str, A
         infinite = [name for name, numbers in weights.items() if not torch.isfinite(numbers).all()]
         if not isinstance(settings, dict):
             raise TypeError
+        settings.pop(VERSION, None)
     except (
         SafetensorError,
         OSError,

@@ -33,6 +33,7 @@ LEFT_OUT = {
     "*/runtime.json": "how long forecasts take",
     "*/models/*.checkpoint": "a training that has not ended",
     "runtime.*": "a figure of times",
+    "report.html": "the exhibits on one page, with times among them",
     "tab_models.[!c]*": "the table of the CSV beside it, with times",
     "ladder-*.[!c]*": "the table of the CSV beside it, with times",
 }

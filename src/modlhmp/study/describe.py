@@ -20,7 +20,7 @@ from modlhmp.study.exhibits import EXHIBITS
 
 ROOT = Path(__file__).parents[3]
 SCHEMAS = Path(__file__).parents[1] / "schemas"
-READMES = tuple(ROOT / name for name in ("README.md", "config/README.md", "docs/maps.md", "paper_figures/README.md"))
+READMES = tuple(ROOT / name for name in ("config/README.md", "docs/code.md", "docs/maps.md", "paper_figures/README.md"))
 # What the paper calls it, our file, and the text by which its line is found there.
 PLACES = (
     ("Sec. III-A, observed velocity", "forecasting/observe.py", "def current_velocity"),
@@ -196,7 +196,7 @@ def places() -> str:
         if not numbers:
             raise ValueError(f"{path}: no line with {text!r}, which is {what}")
         called = text.removeprefix("def ").removeprefix("class ").removeprefix("# ").rstrip("(")
-        lines.append(f"| {what} | [`{name}`, `{called}`]({path.as_posix()}#L{numbers[0]}) |")
+        lines.append(f"| {what} | [`{name}`, `{called}`](../{path.as_posix()}#L{numbers[0]}) |")
     return "\n".join(lines)
 
 

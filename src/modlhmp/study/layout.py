@@ -160,6 +160,11 @@ class Layout:
         """Every score of the run in long form."""
         return f"{self.exhibits}/results.csv"
 
+    @property
+    def report(self) -> str:
+        """The run as a paper."""
+        return f"{self.exhibits}/report.html"
+
     def exhibit(self, name: str) -> str:
         """An exhibit's path without its suffix."""
         return f"{self.exhibits}/{name}"

@@ -239,7 +239,12 @@ def unmade(template: str) -> list[str]:
 
 def templates() -> dict[Path, str]:
     """{page: its template}."""
-    return {PAGES / file.name: file.read_text(encoding="utf-8") for file in sorted(TEMPLATES.glob("*.md"))}
+    return {page_of(file): file.read_text(encoding="utf-8") for file in sorted(TEMPLATES.glob("*.md"))}
+
+
+def page_of(template: Path) -> Path:
+    """Where the page of a template lies."""
+    return (ROOT if template.name == "README.md" else PAGES) / template.name
 
 
 def pages(numbers: Mapping[str, Any]) -> dict[Path, str]:

@@ -69,6 +69,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.folds_table",
         title="folds",
         category="Tables",
+        section="errors",
         caption="Every test track forecast from other days, or other times of its day, than its own: the test "
         "recordings are dealt into five folds, and maps and networks are made for each from all people but those "
         "recorded within ten minutes of it.",
@@ -85,6 +86,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.ladder_table",
         title="ladder",
         category="Tables",
+        section="changes",
         caption=LADDER,
         needs=_ladder_files,
         asks=_ladder_table_asks,
@@ -96,6 +98,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.ladder_figure",
         title="ladder",
         category="Studies",
+        section="changes",
         caption=LADDER,
         needs=lambda plan, datasets: [plan.layout.ladder(dataset.name, "scores") for dataset in datasets],
         asks=_ladder_asks,

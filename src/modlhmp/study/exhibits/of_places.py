@@ -160,6 +160,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.cliff_hours",
         title="hourly TC-CLiFF-maps",
         category="Maps",
+        section="maps",
         paper="fig:cliff-atc-time",
         caption="Time-conditioned CLiFF-map at a few hours: mean of the heaviest component of each location. Colour "
         "encodes orientation, length encodes speed. The number of locations is above each panel.",
@@ -172,6 +173,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.stef_hours",
         title="hourly STeF-maps",
         category="Maps",
+        section="maps",
         paper="fig:stef-atc-time",
         caption="STeF-map in the middle of a few hours: the dominant orientation of each cell that has dynamics then. "
         "Colour encodes orientation; the map has no speed, so all arrows are equally long. The number of cells is "
@@ -185,6 +187,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.one_location",
         title="CLiFF at one location",
         category="Maps",
+        section="maps",
         paper="fig:cliff-atc-time-one-location",
         caption="CLiFF-map at one location for every clock hour and for the whole day: the mean of each component. "
         "Colour encodes orientation, length speed (the circle is 1 m/s), transparency the weight; n is the number of "
@@ -198,6 +201,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.mod_comparison",
         title="TC-CLiFF and STeF",
         category="Maps",
+        section="maps",
         paper="fig:edin_mod",
         caption="Time-conditioned CLiFF-map (left) and STeF-map (right) at a few hours: all components of each "
         "location and all orientations of each cell. Colour encodes orientation, transparency the component's weight "
@@ -211,6 +215,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.ranked_forecasts",
         title="ranked forecasts",
         category="Forecasts",
+        section="forecasts",
         paper="fig:rank",
         caption="The futures of TC-CLiFF for one person of each dataset, to its longest horizon: truth red, "
         "observation green, futures blue, darker the better they rank; a cross where a future left the map. Ranks "
@@ -228,6 +233,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.example_forecasts",
         title="forecasts of all methods",
         category="Forecasts",
+        section="forecasts",
         paper="fig:prediction_example",
         caption="What each method forecast for one person of each dataset, over the floor plan: 60 s where the dataset "
         "has them, else half of its longest horizon. Methods with ranked futures show the best ranked one. The person "
@@ -244,6 +250,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.memory_maps",
         title="maps with memory",
         category="Maps",
+        section="maps",
         caption="The two maps with memory. Left: snippets of a few seconds that start near the walker, coloured by "
         "direction. Middle and right: a forecast with the episode map, which replays the most similar persons from "
         "here, and with the snippet flow map, whose particles string snippets together. Crosses: persons who left "
@@ -261,6 +268,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.density_maps",
         title="density of a forecast",
         category="Forecasts",
+        section="forecasts",
         caption="Where one person of each dataset may be after a sixth, a third and the whole of the longest horizon, "
         "given that they are still there: samples of the forecast, spread by a Gaussian. The lines enclose the "
         "smallest areas of 50 % and 90 %. The person is chosen by rule: of the tracks eligible at the horizon under "
@@ -277,6 +285,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.calibration",
         title="calibration",
         category="Figures",
+        section="certainty",
         caption="Left: the error that a method expects of its own output against the real one, in ten bins of equally "
         "many tracks; above the diagonal a method is too sure of itself. Right: the probability that a person has left "
         "by then against the share of people that had. A robot that must keep its distance needs both on the "
@@ -292,6 +301,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.uncertainty_table",
         title="distributions",
         category="Tables",
+        section="certainty",
         caption=lambda plan: (
             "How good each method's forecasts are as distributions, at each horizon: energy score and KDE-NLL (lower "
             "is better), best of five futures and how often that misses by 2 m, the error that a method expects of its "
@@ -312,6 +322,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.occupied_figure",
         title="occupied cells",
         category="Figures",
+        section="certainty",
         caption="Cells of 1 m by the probability that somebody who is there now will be in them, against the share "
         "that was occupied. Everyone is forecast at moments of whole days, with maps of people who were not recorded "
         "within ten minutes of them. Above the diagonal more cells were occupied than announced.",
@@ -325,6 +336,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.occupied_film",
         title="occupied cells, a film",
         category="Forecasts",
+        section="certainty",
         caption=lambda plan: (
             "The moment at which most people were there: the probability that each cell of 1 m is occupied a sixth, a "
             "third and two thirds of the longest horizon later, by "
@@ -345,6 +357,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.occupied_table",
         title="occupied cells",
         category="Tables",
+        section="certainty",
         caption="How good the probabilities of occupied cells are: Brier score beside those of rules that know nobody, "
         "how many cells were foretold and occupied, and in how many bins they were calibrated.",
         asks=lambda plan, datasets: {**_occupied_asks(plan, datasets), "every_s": plan.run.studies.occupied.every_s},
@@ -356,6 +369,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module="modlhmp.study.explorer.page",
         title="explorer",
         category="Explorer",
+        section="explorer",
         caption="Maps by hour, flow and exits on the floor plan, each location's mixture and counts, and error against "
         "horizon, to look at in a browser. Where people are made up, or the run's owner says so, any of them can be "
         "followed second by second with what each method forecast; else the page has aggregates alone.",
@@ -369,6 +383,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.runtime_figure",
         title="runtime",
         category="Studies",
+        section="cost",
         caption=lambda plan: (
             f"Runtime of {plan.run.title(plan.run.studies.method)}, measured alone on the machine in a separate "
             "process. Above: time per track for all k futures to the longest horizon, largest resident memory while "

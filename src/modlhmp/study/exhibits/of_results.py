@@ -184,6 +184,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         function="draw_parameters",
         title="parameters",
         category="Tables",
+        section="data",
         paper="tab:scenarios",
         caption="Parameters of the maps and of the roll-out, and the 90th percentile of the length of the test tracks "
         "after the last observation, which according to the paper sets its longest horizons.",
@@ -197,11 +198,59 @@ EXHIBITS: tuple[Exhibit, ...] = (
         function="draw_results",
         title="results",
         category="Tables",
+        section="errors",
         paper="tab:expres",
         caption=_results_caption,
         needs=_scores,
         asks=lambda plan, datasets: {"methods": plan.titles, "horizons": plan.horizons},
         lacks=(lacks.NO_PLAN,),
+    ),
+    Exhibit(
+        name="{label}_final",
+        form="figure",
+        module=f"{MODULES}.horizon_errors",
+        title="errors against horizon",
+        category="Figures",
+        section="errors",
+        paper="fig:atc_final, fig:edin_final",
+        caption=_and_variants(
+            "ADE and FDE against the prediction horizon, mean and one standard deviation over tracks, under the "
+            "paper protocol (upper row) and the complete protocol (lower row). The legend gives scored and eligible "
+            "tracks at the longest horizon."
+        ),
+        needs=_scores,
+        asks=_drawn,
+    ),
+    Exhibit(
+        name="coverage",
+        form="figure",
+        module=f"{MODULES}.coverage",
+        title="coverage",
+        category="Figures",
+        section="errors",
+        caption=_and_variants(
+            "Share of the eligible tracks that each method scores at each horizon under the paper protocol "
+            "(above), and how many are eligible under either protocol (below). A method's error under the paper "
+            "protocol is that of the tracks on which at least one of its futures stayed on the map, so methods are "
+            "compared on different tracks; under the complete protocol all score every eligible track."
+        ),
+        needs=_scores,
+        asks=_drawn,
+    ),
+    Exhibit(
+        name="rank-metrics",
+        form="figure",
+        module=f"{MODULES}.ranking_gain",
+        title="with and without ranking",
+        category="Figures",
+        section="errors",
+        paper="fig:rank-metrics",
+        caption="ADE of TC-CLiFF with ranking (the most likely of the k futures) and without (mean error of the k), "
+        "both protocols.",
+        needs=_scores,
+        asks=lambda plan, datasets: {"method": "tc_cliff", "title": plan.run.title("tc_cliff")},
+        wanted=lambda plan: "tc_cliff" in plan.run.compare,
+        lacks=(lacks.NO_CLOCK, lacks.NO_FORECASTS),
     ),
     Exhibit(
         name="tab_ttests",
@@ -210,6 +259,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         function="draw_ttests",
         title="t-tests",
         category="Tables",
+        section="errors",
         caption="Every paired one-sided t-test of the configuration, on the tracks that both methods scored: mean "
         "difference, its 95 % interval, effect size (Cohen's d_z), p and p after Holm's correction over all tests of a "
         "dataset and protocol.",
@@ -217,40 +267,12 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=_methods,
     ),
     Exhibit(
-        name="claims",
-        form="table",
-        module=f"{MODULES}.claims_table",
-        title="the paper's claims, tested",
-        category="Tables",
-        caption="Every claim of the paper's results section, its place and p there, beside our test of it: "
-        "hypothesis, both values, n, mean difference, 95 % interval, p, p after Holm's correction, and a verdict, "
-        "under each protocol. Claims that need learned methods or the runtime study are marked where these have not "
-        "been run.",
-        needs=_claims,
-        asks=_claims_asks,
-        memory_mb=1500,
-        minutes=30,
-        lacks=(lacks.ESTIMATED_CLOCK, lacks.NEEDS_PLAN, lacks.NEEDS_LONGER, lacks.NEEDS_NUMBER, lacks.TOO_FEW),
-    ),
-    Exhibit(
-        name="tab_models",
-        form="table",
-        module=f"{MODULES}.trainings",
-        title="trained networks",
-        category="Tables",
-        caption="The learned baselines as they were trained: budget, seed, number of parameters, tracks, windows run "
-        "of those planned, iterations, the validation error of held-out training persons at the best and the last "
-        "epoch, how much it still changed at the end, and whether twice the windows were better.",
-        needs=_trainings,
-        asks=_networks,
-        wanted=_has_networks,
-    ),
-    Exhibit(
         name="readings-{label}",
         form="table",
         module=f"{MODULES}.readings_table",
         title="readings of the scoring rules",
         category="Tables",
+        section="errors",
         caption="The results table under every reading of the rules that the paper does not state: idle tracks kept or "
         "dropped, tracks whose forecasts left the map held or dropped, and which tracks a mean over seeds is of; "
         "methods with velocities from positions beside those with the file's. The paper's numbers stand beside them.",
@@ -269,6 +291,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.short_table",
         title="2.0 s at ten positions per second",
         category="Tables",
+        section="errors",
         caption="Expected errors 2.0 s ahead at ten positions per second: the mean over each forecast's samples, with "
         "constant velocity beside them, and published numbers of this task, which are of another split.",
         needs=_short_errors,
@@ -283,6 +306,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.encounters_table",
         title="forecasts that run into others",
         category="Tables",
+        section="errors",
         caption="How often forecasts come less than 0.2 m near to where another person really was at that time, up to "
         "each horizon, beside the same of people's own paths.",
         needs=lambda plan, datasets: [
@@ -291,48 +315,35 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=_methods,
     ),
     Exhibit(
-        name="{label}_final",
-        form="figure",
-        module=f"{MODULES}.horizon_errors",
-        title="errors against horizon",
-        category="Figures",
-        paper="fig:atc_final, fig:edin_final",
-        caption=_and_variants(
-            "ADE and FDE against the prediction horizon, mean and one standard deviation over tracks, under the "
-            "paper protocol (upper row) and the complete protocol (lower row). The legend gives scored and eligible "
-            "tracks at the longest horizon."
-        ),
-        needs=_scores,
-        asks=_drawn,
+        name="claims",
+        form="table",
+        module=f"{MODULES}.claims_table",
+        title="the paper's claims, tested",
+        category="Tables",
+        section="claims",
+        caption="Every claim of the paper's results section, its place and p there, beside our test of it: "
+        "hypothesis, both values, n, mean difference, 95 % interval, p, p after Holm's correction, and a verdict, "
+        "under each protocol. Claims that need learned methods or the runtime study are marked where these have not "
+        "been run.",
+        needs=_claims,
+        asks=_claims_asks,
+        memory_mb=1500,
+        minutes=30,
+        lacks=(lacks.ESTIMATED_CLOCK, lacks.NEEDS_PLAN, lacks.NEEDS_LONGER, lacks.NEEDS_NUMBER, lacks.TOO_FEW),
     ),
     Exhibit(
-        name="coverage",
-        form="figure",
-        module=f"{MODULES}.coverage",
-        title="coverage",
-        category="Figures",
-        caption=_and_variants(
-            "Share of the eligible tracks that each method scores at each horizon under the paper protocol "
-            "(above), and how many are eligible under either protocol (below). A method's error under the paper "
-            "protocol is that of the tracks on which at least one of its futures stayed on the map, so methods are "
-            "compared on different tracks; under the complete protocol all score every eligible track."
-        ),
-        needs=_scores,
-        asks=_drawn,
-    ),
-    Exhibit(
-        name="rank-metrics",
-        form="figure",
-        module=f"{MODULES}.ranking_gain",
-        title="with and without ranking",
-        category="Figures",
-        paper="fig:rank-metrics",
-        caption="ADE of TC-CLiFF with ranking (the most likely of the k futures) and without (mean error of the k), "
-        "both protocols.",
-        needs=_scores,
-        asks=lambda plan, datasets: {"method": "tc_cliff", "title": plan.run.title("tc_cliff")},
-        wanted=lambda plan: "tc_cliff" in plan.run.compare,
-        lacks=(lacks.NO_CLOCK, lacks.NO_FORECASTS),
+        name="tab_models",
+        form="table",
+        module=f"{MODULES}.trainings",
+        title="trained networks",
+        category="Tables",
+        section="networks",
+        caption="The learned baselines as they were trained: budget, seed, number of parameters, tracks, windows run "
+        "of those planned, iterations, the validation error of held-out training persons at the best and the last "
+        "epoch, how much it still changed at the end, and whether twice the windows were better.",
+        needs=_trainings,
+        asks=_networks,
+        wanted=_has_networks,
     ),
     Exhibit(
         name="learning-curves",
@@ -340,6 +351,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.learning_curves",
         title="learning curves",
         category="Studies",
+        section="networks",
         caption="Learning curves of the networks: the validation error of held-out training persons (above) and the "
         "training loss (below). A curve that still falls at its end means that longer training would give a better "
         "baseline.",
@@ -353,6 +365,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.parameter_study",
         title="ADE against beta and r_s",
         category="Studies",
+        section="parameters",
         paper="fig:parameter",
         caption=_parameter_caption,
         needs=lambda plan, datasets: _studies(plan, datasets, plan.studied),
@@ -366,6 +379,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         module=f"{MODULES}.training_share",
         title="amount of training data",
         category="Studies",
+        section="parameters",
         caption="ADE under the complete protocol with maps built from a share of the training tracks, drawn by a hash "
         "of their ids, so that a larger share contains every smaller one. Where a line still falls at its right end, "
         "more recordings would help.",

@@ -29,11 +29,51 @@ def _clusters(plan: Plan) -> str:
 
 EXHIBITS: tuple[Exhibit, ...] = (
     Exhibit(
+        name="tab_likelihood",
+        form="table",
+        module=f"{MODULES}.likelihood_table",
+        title="which map is true",
+        category="Tables",
+        section="truth",
+        caption="How likely each map makes the velocities of people whom it has not seen, by place and time only: "
+        "negative log density beside that without a map, in four accountings of what a map does not cover, for "
+        "headings with speeds and for headings alone; then by hour, and paired differences.",
+        asks=lambda plan, datasets: {"titles": plan.run.titles(plan.mapped), "over": _clusters(plan)},
+        **_likelihood("scores", "pairs"),
+    ),
+    Exhibit(
+        name="likelihood",
+        form="figure",
+        module=f"{MODULES}.likelihood_figure",
+        title="which map is true, by hour",
+        category="Maps",
+        section="truth",
+        caption="How much a map tells of how people walk, hour by hour: gain in log density of test persons' "
+        "velocities over what is known without a map, each map with the background chosen on persons held out of the "
+        "training data. Below 0 a map is worse than none.",
+        asks=lambda plan, datasets: {"titles": plan.run.titles(plan.mapped)},
+        **_likelihood("scores"),
+    ),
+    Exhibit(
+        name="tab_likelihood_given",
+        form="table",
+        module=f"{MODULES}.likelihood_given_table",
+        title="likelihood of the next velocity",
+        category="Tables",
+        section="truth",
+        caption="How likely each method makes a walker's next velocity, given the last ones: negative log density of "
+        "its samples, made a density by one kernel, and paired differences.",
+        asks=lambda plan, datasets: {"titles": plan.run.titles(plan.given), "over": _clusters(plan)},
+        needs=_likelihood("given", "given_pairs")["needs"],
+        wanted=lambda plan: bool(plan.given),
+    ),
+    Exhibit(
         name="prequential",
         form="figure",
         module=f"{MODULES}.prequential_hours",
         title="maps that are updated",
         category="Maps",
+        section="truth",
         caption="Negative log density of the velocities of each hour's people under maps of what was known before it, "
         "mixed with 5 % of no map: lower is better. Left: the training recordings, hour by hour. Middle and right: the "
         "same rows made one-way streets, of which half of the place turns round at the dotted line: how fast each map "
@@ -44,41 +84,5 @@ EXHIBITS: tuple[Exhibit, ...] = (
         },
         lacks=(lacks.ONE_HOUR,),
         minutes=30,
-    ),
-    Exhibit(
-        name="tab_likelihood",
-        form="table",
-        module=f"{MODULES}.likelihood_table",
-        title="which map is true",
-        category="Tables",
-        caption="How likely each map makes the velocities of people whom it has not seen, by place and time only: "
-        "negative log density beside that without a map, in four accountings of what a map does not cover, for "
-        "headings with speeds and for headings alone; then by hour, and paired differences.",
-        asks=lambda plan, datasets: {"titles": plan.run.titles(plan.mapped), "over": _clusters(plan)},
-        **_likelihood("scores", "pairs"),
-    ),
-    Exhibit(
-        name="tab_likelihood_given",
-        form="table",
-        module=f"{MODULES}.likelihood_given_table",
-        title="likelihood of the next velocity",
-        category="Tables",
-        caption="How likely each method makes a walker's next velocity, given the last ones: negative log density of "
-        "its samples, made a density by one kernel, and paired differences.",
-        asks=lambda plan, datasets: {"titles": plan.run.titles(plan.given), "over": _clusters(plan)},
-        needs=_likelihood("given", "given_pairs")["needs"],
-        wanted=lambda plan: bool(plan.given),
-    ),
-    Exhibit(
-        name="likelihood",
-        form="figure",
-        module=f"{MODULES}.likelihood_figure",
-        title="which map is true, by hour",
-        category="Maps",
-        caption="How much a map tells of how people walk, hour by hour: gain in log density of test persons' "
-        "velocities over what is known without a map, each map with the background chosen on persons held out of the "
-        "training data. Below 0 a map is worse than none.",
-        asks=lambda plan, datasets: {"titles": plan.run.titles(plan.mapped)},
-        **_likelihood("scores"),
     ),
 )

@@ -12,6 +12,11 @@ from modlhmp.study.plan import Plan
 
 MODULES = "modlhmp.study.exhibits"  # where the modules that draw exhibits are
 
+# Where the run's report shows it, in this order.
+Section = Literal[
+    "explorer", "data", "maps", "forecasts", "errors", "certainty", "truth", "changes", "parameters", "networks",
+    "cost", "claims",
+]  # fmt: skip
 Needs = Callable[[Plan, list[Dataset]], list[str]]
 Asks = Callable[[Plan, list[Dataset]], dict[str, Any]]
 
@@ -31,6 +36,7 @@ class Exhibit:
     function: str = "draw"
     title: str  # what the report calls it
     category: Literal["Tables", "Figures", "Maps", "Forecasts", "Studies", "Explorer"]
+    section: Section  # of the report that reads as a paper
     paper: str = ""  # the paper's labels; empty if it is not in the paper
     caption: str | Callable[[Plan], str]
     needs: Needs

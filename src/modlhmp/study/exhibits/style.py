@@ -10,7 +10,7 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.floor_plan import load_floor_plan, moved
-from modlhmp.pictures import orientation_colours
+from modlhmp.pictures import made_by, orientation_colours
 from modlhmp.storage import atomic_path, write_text
 from modlhmp.study.csv_cells import csv_text
 
@@ -161,7 +161,7 @@ def save(fig: Figure, stem: str, numbers: pd.DataFrame, demo: bool) -> None:
         fig.suptitle("Demo data (made-up people)", fontsize=7, color="#B03030")
     for suffix in ("pdf", "png"):
         with atomic_path(Path(f"{stem}.{suffix}")) as temporary:
-            fig.savefig(temporary, format=suffix, metadata={"CreationDate": None} if suffix == "pdf" else None)
+            fig.savefig(temporary, format=suffix, metadata=made_by(suffix))
         fig.set_layout_engine("none")  # laid out once, which takes as long as drawing
     plt.close(fig)
     write_text(f"{stem}.csv", csv_text(numbers, float_format="%.6g"))

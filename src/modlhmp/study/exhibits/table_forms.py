@@ -5,9 +5,11 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from modlhmp.storage import write_text
+from modlhmp import __version__
+from modlhmp.storage import DataError, write_text
 from modlhmp.study.csv_cells import csv_text
 
+_BEGIN, _END = "<main>", "</main>"  # of what a table's HTML form holds beside its heading
 DEMO_NOTE = "Demo data (made-up people): not comparable with the paper."
 
 
@@ -25,7 +27,7 @@ def write_table(
     write_text(f"{stem}.csv", csv_text(plain))
     parts = [f"# {heading}", *notes, _markdown(table)]
     parts += [part for title, other in others for part in (f"## {title}", _markdown(other))]
-    write_text(f"{stem}.md", "\n\n".join(parts) + "\n")
+    write_text(f"{stem}.md", "\n\n".join([*parts, f"<!-- modlhmp {__version__} -->"]) + "\n")
     write_text(f"{stem}.html", _html(heading, notes, [("", table), *others]))
     write_text(f"{stem}.tex", _latex(table, " ".join([heading + ".", *notes])))
 
@@ -65,27 +67,45 @@ def _latex(table, note):
     width = len(table.columns)
     label = [rf"\multicolumn{{{width}}}{{l}}{{\footnotesize {cell(DEMO_NOTE)}}} \\"] if DEMO_NOTE in note else []
     return "\n".join(
-        [f"% {' '.join(note.split())}", rf"\begin{{tabular}}{{{'l' * width}}}", r"\toprule",
+        [f"% {' '.join(note.split())} modlhmp {__version__}", rf"\begin{{tabular}}{{{'l' * width}}}", r"\toprule",
          body[0], r"\midrule", *body[1:], r"\bottomrule", *label, r"\end{tabular}", ""]
     )  # fmt: skip
 
 
 def _html(heading, notes, tables):
-    """A page of tables [(title, DataFrame)] for the report."""
+    """A page of tables [(title, DataFrame)], which the report takes up (`tables_of`)."""
     style = (
-        "body{font:14px sans-serif;margin:1.5em}table{border-collapse:collapse;margin:1em 0}"
+        "body{font:14px sans-serif;margin:1.5em}.scroll{overflow-x:auto}table{border-collapse:collapse;margin:1em 0}"
+        "caption{text-align:left;font-weight:bold;padding:.5em 0}"
         "th,td{padding:.25em .7em;text-align:left;border-bottom:1px solid #ddd}th{border-bottom:2px solid #000}"
     )
 
-    def cell(text, tag):
+    def inner(text):
         parts = html.escape(str(text)).split("**")
-        inner = "".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts))
-        return f"<{tag}>{inner}</{tag}>"
+        return "".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts))
 
-    page = [f"<!DOCTYPE html><meta charset=utf-8><title>{html.escape(heading)}</title><style>{style}</style>",
-            cell(heading, "h1"), *(cell(note, "p") for note in notes)]  # fmt: skip
+    page = ["<!DOCTYPE html>", '<html lang="en">', '<meta charset="utf-8">',
+            f'<meta name="generator" content="modlhmp {__version__}">',
+            f"<title>{html.escape(heading)}</title>", f"<style>{style}</style>", f"<h1>{inner(heading)}</h1>",
+            _BEGIN, *(f"<p>{inner(note)}</p>" for note in notes)]  # fmt: skip
     for title, table in tables:
-        rows = ["".join(cell(name, "th") for name in table.columns)]
-        rows += ["".join(cell(value, "td") for value in row) for row in table.to_numpy().tolist()]
-        page += [cell(title, "h2") if title else "", "<table>", *(f"<tr>{row}</tr>" for row in rows), "</table>"]
-    return "\n".join(page) + "\n"
+        page += [
+            f'<div class="scroll" role="region" tabindex="0" aria-label="{html.escape(title or heading)}"><table>',
+            f"<caption>{inner(title)}</caption>" if title else "",
+            "<thead>", _row(f'<th scope="col">{inner(name)}</th>' for name in table.columns), "</thead>", "<tbody>",
+            *(_row(f"<td>{inner(value)}</td>" for value in row) for row in table.to_numpy().tolist()),
+            "</tbody></table></div>",
+        ]  # fmt: skip
+    return "\n".join(filter(None, [*page, _END])) + "\n"
+
+
+def _row(cells):
+    return f"<tr>{''.join(cells)}</tr>"
+
+
+def tables_of(page: str) -> str:
+    """The notes and tables of a table's HTML form, without its heading; `DataError` for a page of another make."""
+    begin, end = page.find(_BEGIN), page.find(_END)
+    if min(begin, end) < 0:
+        raise DataError(f"{page[:60]!r}...: not a table of this version; delete the file and run the workflow again")
+    return page[begin + len(_BEGIN) : end].strip()

@@ -5,6 +5,8 @@ import hashlib
 import html
 from pathlib import Path
 
+from modlhmp import __version__
+
 ASSETS = Path(__file__).parent / "assets"
 SCRIPTS = ("data", "view", "layers", "place", "people", "errors", "state", "app", "controls")
 
@@ -12,6 +14,7 @@ SCRIPTS = ("data", "view", "layers", "place", "people", "errors", "state", "app"
 def page(run: str, data: bytes) -> str:
     """The page of a run with its packed data (`pack.packed`)."""
     parts = {
+        "version": __version__,
         "title": html.escape(f"Explorer of run {run}"),
         "style": _asset("explorer.css"),
         "script": "\n".join(_asset(f"{name}.js") for name in SCRIPTS),

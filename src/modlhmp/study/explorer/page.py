@@ -1,12 +1,12 @@
 """Page explorer: a run's maps by hour, its errors, and, where they may be shown, its people and their forecasts."""
 
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from modlhmp import __version__
 from modlhmp.datasets import Dataset
 from modlhmp.floor_plan import load_floor_plan, moved
 from modlhmp.pictures import ORIENTATION_COLOURS
@@ -43,7 +43,7 @@ def draw(
     tree = {
         "form": FORM,
         "run": layout.run,
-        "version": version("modlhmp"),
+        "version": __version__,
         "colours": ORIENTATION_COLOURS,
         "sets": [_dataset(layout, one, methods, maps, one.name in tracks, recordings[one.name]) for one in datasets],
     }
