@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+import re
 import sys
 from pathlib import Path
 
@@ -31,6 +32,7 @@ nb_execution_cache_path = str(ROOT / "docs/_build/notebooks")
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+nb_render_image_options = {"alt": "What the lines above draw"}
 
 # Docstrings are prose whose single backticks are code.
 default_role = "code"
@@ -52,6 +54,8 @@ LIGHT = {
     "color-brand-primary": "#0b5c7a",
     "color-brand-content": "#0b5c7a",
     "color-brand-visited": "#6a3d8f",
+    "color-api-name": "#0b5c7a",
+    "color-api-pre-name": "#43525f",
     "color-foreground-primary": "#16202a",
     "color-foreground-secondary": "#43525f",
     "color-foreground-muted": "#55636f",
@@ -62,6 +66,8 @@ DARK = {
     "color-brand-primary": "#7cc7e8",
     "color-brand-content": "#7cc7e8",
     "color-brand-visited": "#c9a7ea",
+    "color-api-name": "#7cc7e8",
+    "color-api-pre-name": "#b3bfc8",
     "color-foreground-primary": "#e6ebee",
     "color-foreground-secondary": "#b3bfc8",
     "color-foreground-muted": "#9fadb7",
@@ -69,6 +75,20 @@ DARK = {
     "color-background-secondary": "#1a2127",
 }
 html_theme_options = {"light_css_variables": LIGHT, "dark_css_variables": DARK, "top_of_page_buttons": []}
+
+
+def in_markup(app, what, name, thing, options, lines):
+    """Docstrings are plain text: an indented part of one is code, and a page that it names is linked."""
+    lines[:] = [re.sub(r"`?\bdocs/([a-z-]+)\.md`?", r":doc:`\1`", line) for line in lines]
+    for at in range(len(lines) - 1, 0, -1):
+        begins = lines[at].startswith("    ") and not lines[at - 1].strip()
+        before = next((line for line in reversed(lines[:at]) if line.strip()), "")
+        if begins and before and not before.startswith((" ", "* ", "- ")) and not before.endswith("::"):
+            lines[at:at] = ["::", ""]
+
+
+def setup(app):
+    app.connect("autodoc-process-docstring", in_markup)
 
 
 def linkcode_resolve(domain, info):

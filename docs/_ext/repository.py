@@ -31,6 +31,8 @@ ELSEWHERE = {
 }
 FENCE = re.compile(r"(^```.*?^```$|`[^`\n]*`)", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"(\]\()([^)\s]+)(\))")
+# A link that is called as its file is, on a forge, is called as its page is, on the site.
+NAMED_AS_FILE = re.compile(r"\[[\w./-]+\.md\]\((?!repository:)")
 NOT_RUN = (
     "```{note}\nShown without outputs, since there was no run to look into when this page was made: `make reproduce`, "
     "then `make docs`.\n```"
@@ -67,7 +69,9 @@ def moved(link: str, home: str, name: str) -> str:
 def with_links_moved(text: str, home: str, name: str) -> str:
     """A page's text, its code left alone."""
     parts = FENCE.split(text)
-    parts[::2] = [LINK.sub(lambda found: found[1] + moved(found[2], home, name) + found[3], one) for one in parts[::2]]
+    for at in range(0, len(parts), 2):
+        linked = LINK.sub(lambda found: found[1] + moved(found[2], home, name) + found[3], parts[at])
+        parts[at] = NAMED_AS_FILE.sub("[](", linked)
     return "".join(parts)
 
 

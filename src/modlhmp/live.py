@@ -71,7 +71,7 @@ class _Person:
 
 
 class Live:
-    """Forecasts of people as they are seen::
+    """Forecasts of people as they are seen.
 
         live = modlhmp.Live(modlhmp.load_map("map.parquet"))
         for t, who, x, y in rows:              # unix s, any id, m; any rate, any order
@@ -81,7 +81,7 @@ class Live:
 
     The arguments are those of `modlhmp.forecast`. Two defaults differ, where a method has the option: everyone is asked
     who is there, so `samples` are of `pieces`; and there are positions alone, so `velocity` is of `differences` where
-    the site's is `as_recorded`. `options` are all that are used: the batch forecast of a track that ends at t0 ::
+    the site's is `as_recorded`. `options` are all that are used: the batch forecast of a track that ends at t0,
 
         modlhmp.forecast(a_map, track, **live.options)
 

@@ -199,3 +199,10 @@ def test_a_link_to_nothing_is_an_error(repository, link):
 def test_links_in_code_are_left_alone(repository):
     text = "`[a](b.md)` and\n```python\nx = [1](2)\n```\n[c](method.md)\n"
     assert repository.with_links_moved(text, "docs/start.md", "start.md") == text
+
+
+def test_links_that_are_called_as_their_file_are_called_as_their_page(repository, root):
+    text = "see [maps.md](maps.md#forms), [here](maps.md) and [config/README.md](../config/README.md)"
+    moved = "see [](maps.md#forms), [here](maps.md) and [](configuration.md)"
+    assert repository.with_links_moved(text, "docs/start.md", "start.md") == moved
+    assert 'href="maps.html"><span class="std std-doc">Maps in and out' in (root / "command-line.html").read_text()
