@@ -2,7 +2,6 @@
 
 import importlib
 import inspect
-import re
 import sys
 from pathlib import Path
 
@@ -14,8 +13,7 @@ import modlhmp
 ROOT = repository.ROOT
 project, author, release = "modlhmp", "The modlhmp developers", modlhmp.__version__
 copyright = author
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.linkcode", "mathml", "repository"]
-exclude_patterns = []
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.linkcode", "docstrings", "mathml", "repository"]
 nitpicky = True
 
 # Markdown as forges read it, with formulas, images by tag where they have a width, and anchors of headings.
@@ -23,12 +21,10 @@ myst_enable_extensions = ["dollarmath", "html_image"]
 myst_heading_anchors = 4
 myst_url_schemes = ["http", "https", "mailto", "repository"]
 html_math_renderer = "mathml"
-# Tables that `make settings` writes begin at their own level; pages of the navigation may not be there yet.
-suppress_warnings = ["myst.header", "toc.empty_glob"]
+suppress_warnings = ["myst.header"]  # tables that `make settings` writes begin at their own level
 
-# Notebooks are run where there is a run to look into, once for each version of them; else they are shown as they are.
-nb_execution_mode = "cache" if any((ROOT / "results/demo").glob("*/tracks")) else "off"
-nb_execution_cache_path = str(ROOT / "docs/_build/notebooks")
+# Notebooks are run where there is a run to look into; else they are shown as they are.
+nb_execution_mode = "force" if any((ROOT / "results/demo").glob("*/tracks")) else "off"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
@@ -40,7 +36,8 @@ autodoc_typehints = "signature"
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 python_maximum_signature_line_length = 80
-nitpick_ignore_regex = [("py:.*", r"(?!modlhmp).*"), ("py:.*", r"modlhmp\..*")]
+# Types of other packages, whose pages are elsewhere, and two that no caller meets.
+nitpick_ignore_regex = [("py:.*", r"(?!modlhmp).*"), ("py:.*", r"modlhmp\.(settings\.T|maps\.updated\.slots\.Update)")]
 
 html_theme = "furo"
 html_title = "modlhmp"
@@ -75,20 +72,6 @@ DARK = {
     "color-background-secondary": "#1a2127",
 }
 html_theme_options = {"light_css_variables": LIGHT, "dark_css_variables": DARK, "top_of_page_buttons": []}
-
-
-def in_markup(app, what, name, thing, options, lines):
-    """Docstrings are plain text: an indented part of one is code, and a page that it names is linked."""
-    lines[:] = [re.sub(r"`?\bdocs/([a-z-]+)\.md`?", r":doc:`\1`", line) for line in lines]
-    for at in range(len(lines) - 1, 0, -1):
-        begins = lines[at].startswith("    ") and not lines[at - 1].strip()
-        before = next((line for line in reversed(lines[:at]) if line.strip()), "")
-        if begins and before and not before.startswith((" ", "* ", "- ")) and not before.endswith("::"):
-            lines[at:at] = ["::", ""]
-
-
-def setup(app):
-    app.connect("autodoc-process-docstring", in_markup)
 
 
 def linkcode_resolve(domain, info):
