@@ -32,9 +32,10 @@ PAGES = {
     page.relative_to(ROOT).as_posix(): page.read_text(encoding="utf-8")
     for page in [*sorted(ROOT.glob("docs/*.md")), *ROOT.glob("*/README.md")]
 }
-ELSEWHERE = {
-    "docs/your-predictor.md": "tests/workflow/test_hand_in.py"
-}  # pages whose blocks run in a test of their own
+ELSEWHERE = {  # pages whose blocks run in a test of their own
+    "docs/extending.md": "tests/unit/test_contract.py",
+    "docs/your-predictor.md": "tests/workflow/test_hand_in.py",
+}
 KINDS = {"python", "sh", "yaml", "toml", "json", "console", "text", "{eval-rst}", "{toctree}"}
 BLOCKS = {
     name: [(one.info, one.content) for one in MarkdownIt().parse(text) if one.type in ("fence", "code_block")]

@@ -9,6 +9,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from browser import CHROMIUM
+from browser import Page as Browser
 
 import modlhmp
 
@@ -160,6 +162,62 @@ def test_text_can_be_read(mode, root):
         assert min(contrast(value, behind) for behind in backgrounds) >= AA, name
     page = (root / "index.html").read_text()
     assert all(f"--color-{name}: {value}" in page for name, value in colours.items())
+
+
+# --- in a browser ---------------------------------------------------------------------------------------------------
+
+SEEN = ("index", "method", "api", "results-claims", "notebooks/02-a-cliff-location", "files/src/modlhmp/maps/cliff.py")
+# [contrast, colours, words] of the text that is hardest to read.
+HARDEST = """(() => {
+  const parse = (said) => { const n = said.match(/[\\d.]+/g).map(Number); return n.length < 4 ? [...n, 1] : n; };
+  const over = (top, below) => below.map((c, i) => i < 3 ? top[i] * top[3] + c * (1 - top[3]) : 1);
+  const behind = (one) => one === null ? [255, 255, 255, 1] : (() => {
+    const own = parse(getComputedStyle(one).backgroundColor);
+    return own[3] === 1 ? own : over(own, behind(one.parentElement));
+  })();
+  const light = (c) => c.slice(0, 3).map((v) => v / 255)
+    .map((v) => v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0);
+  let hardest = [21, "", ""];
+  for (const one of document.body.querySelectorAll("*")) {
+    const words = [...one.childNodes].filter((n) => n.nodeType === 3).map((n) => n.data.trim()).join("");
+    if (!words || !one.checkVisibility({visibilityProperty: true})) continue;
+    if (one.closest("svg, .headerlink, script, style")) continue;
+    const below = behind(one), colour = over(parse(getComputedStyle(one).color), below);
+    const [low, high] = [light(below), light(colour)].sort((a, b) => a - b);
+    const found = (high + 0.05) / (low + 0.05);
+    if (found < hardest[0]) hardest = [found, `${colour} on ${below}`, words.slice(0, 60)];
+  }
+  return hardest;
+})()"""
+
+
+@pytest.fixture(scope="module", params=["light", "dark", "phone"])
+def opened(request, root, tmp_path_factory):
+    """(name, function that opens a page of the site) in a browser that likes it light, dark, or is a telephone."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium")
+    how = {"dark": request.param == "dark"} | ({"phone": True, "width": 390} if request.param == "phone" else {})
+    with Browser(root / "index.html", tmp_path_factory.mktemp("profile"), **how) as page:
+
+        def opens(name):
+            page.send("Page.navigate", url=(root / f"{name}.html").as_uri())
+            page.until(f"document.readyState === 'complete' && location.pathname.endsWith('{name}.html')")
+            return page
+
+        yield request.param, opens
+
+
+@pytest.mark.parametrize("name", SEEN)
+def test_a_page_can_be_read_and_asks_nobody(opened, name):
+    """Every text against what is behind it, as the browser draws it; a telephone need not scroll sideways."""
+    how, opens = opened
+    page = opens(name)
+    ratio, colours, words = page.ask(HARDEST)
+    assert ratio >= AA, (how, colours, words)
+    assert page.faults == []
+    assert {address.partition(":")[0] for address in page.asked} <= {"file", "data", "about"}
+    assert page.ask("document.documentElement.scrollWidth <= innerWidth"), how
 
 
 # --- links of the sources --------------------------------------------------------------------------------------------
