@@ -11,7 +11,7 @@ export MPLCONFIGDIR ?= $(CURDIR)/.cache/matplotlib
 export PYTHONHASHSEED ?= 0
 
 .PHONY: help environment reproduce test test-full torture lint lock bench paper-size results certify verify \
-    settings licences unlock clean
+    settings docs licences unlock clean
 
 help:                     ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -74,6 +74,11 @@ verify: environment      ## whether RUN's files are still those, and those of AG
 settings: environment    ## schemas and the tables of config/README.md, from the typed settings
 	$(BIN)/python -m modlhmp.study.describe
 
+docs: environment         ## the documentation as a site: docs/_build/html/index.html; a broken link is an error
+	rm -rf docs/_build/source docs/_build/html && mkdir -p docs/_build/source
+	$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going -c docs docs/_build/source docs/_build/html
+	@echo "docs/_build/html/index.html; links that leave it: docs/_build/html/external-links.txt"
+
 licences: environment    ## docs/licences.md of all locked packages, and sbom.json (CycloneDX 1.6) for a release
 	$(BIN)/python -m modlhmp.study.licences
 
@@ -95,7 +100,7 @@ TORCH_PLAIN := (sys_platform == "linux" and platform_machine == "aarch64") or \
     (sys_platform == "darwin" and platform_machine == "arm64")
 TORCH_HASH := 6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b
 TORCH_NEEDS := filelock fsspec jinja2 networkx safetensors sympy typing-extensions
-LOCKED := --extra hdf5 --extra plans --extra ros --extra study --extra notebooks --extra dev
+LOCKED := --extra docs --extra hdf5 --extra plans --extra ros --extra study --extra notebooks --extra dev
 UPGRADE ?=
 
 lock:                     ## environment.lock anew from pyproject.toml (needs uv)

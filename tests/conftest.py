@@ -97,6 +97,8 @@ RUN_OF = {  # test file: the run that it looks at
     "tests/workflow/test_hand_in.py": "tiny",
     "tests/workflow/test_reruns.py": "demo",
     "tests/workflow/test_outside.py": "walks",
+    "tests/docs/test_blocks.py": "blocks",
+    "tests/docs/test_site.py": "site",
     "tests/workflow/test_short_steps.py": "plaza",
 }
 

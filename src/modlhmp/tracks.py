@@ -24,7 +24,11 @@ LEAST_JUMP_S = 0.4  # a displacement is judged over no less, so that a tracker's
 
 
 class Tracks(NamedTuple):
-    """Rows of tracks as equally long 1-d arrays; `speed` and `heading` are NaN where unknown."""
+    """Rows of tracks as equally long 1-d arrays, sorted by track, then time.
+
+    `t` is in unix s, `x` and `y` in m, `speed` in m/s, `heading` in rad from -pi to pi, 0 along x; speeds and headings
+    are NaN where unknown.
+    """
 
     track_id: np.ndarray
     t: np.ndarray

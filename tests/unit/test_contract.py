@@ -1,6 +1,7 @@
 """The contract of a kind: every built-in one and an outside package's keep it, broken ones are told what they broke."""
 
 import dataclasses
+import re
 import sys
 import types
 from dataclasses import dataclass
@@ -69,6 +70,18 @@ def test_an_outside_package_keeps_it(monkeypatch, registered, name):
     kind = getattr(__import__("walking"), name)
     registered(**{kind.name: kind})
     check_kind(kind)
+
+
+def test_the_check_of_the_docs_runs(monkeypatch, registered):
+    """As docs/extending.md has it, on the map of that package."""
+    page = (Path(__file__).parents[2] / "docs/extending.md").read_text()
+    check = re.findall(r"```python\n(.*?)```", page, re.DOTALL)[-1]
+    monkeypatch.syspath_prepend(OUTSIDE)
+    kind = __import__("walking").MEAN_FLOW
+    registered(**{kind.name: kind})
+    monkeypatch.setitem(sys.modules, "mymaps", types.SimpleNamespace(KIND=kind))
+    assert "check_kind(KIND)" in check
+    exec(check, {})
 
 
 # --- what is registered -------------------------------------------------------------------------------------

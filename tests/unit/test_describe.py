@@ -109,3 +109,49 @@ def test_shipped_configurations_fit_the_schema(fits, config_folder):
 def test_an_editor_is_told_what_is_wrong(fits, wrong, about):
     (message,) = fits("config.schema.json", wrong)
     assert about in message
+
+
+# --- links of pages to code -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("link", "begins"),
+    [
+        ("[`maps.cliff.build`](../src/modlhmp/maps/cliff.py#L1)", "def build("),
+        ("[`maps.base.Mod.sample`](../src/modlhmp/maps/base.py#L1)", "    def sample("),
+        ("[`maps.base.HourlyMod`](../src/modlhmp/maps/base.py#L1)", "class HourlyMod:"),
+        ("[`twins.em`](../tests/reference/twins.py#L9999)", "def em("),
+    ],
+)
+def test_links_to_functions_have_the_line_of_the_function(link, begins):
+    path, line = describe.with_lines(f"see {link}.")[:-2].partition("](../")[2].split("#L")
+    assert (describe.ROOT / path).read_text().splitlines()[int(line) - 1].startswith(begins)
+
+
+@pytest.mark.parametrize("name", ["maps.cliff.gone", "maps.cliff.CliffMap.gone", "maps.base.sample"])
+def test_a_link_to_a_function_that_is_gone_is_an_error(name):
+    path = f"../src/modlhmp/{'/'.join(name.split('.')[:2])}.py"
+    with pytest.raises(ValueError, match=rf"no function or class '{name}'; a page links to it"):
+        describe.with_lines(f"[`{name}`]({path}#L3)")
+
+
+def test_other_links_are_left_alone():
+    text = "[numbers](numbers.json), [`a`](../config/real.yaml), [maps](../src/modlhmp/maps/), [`x`](method.md#ranking)"
+    assert describe.with_lines(text) == text
+
+
+def test_every_equation_of_the_paper_leads_to_code():
+    """Each section of the page that has a formula or an algorithm names a function and what checks it."""
+    page = (describe.ROOT / "docs/method.md").read_text(encoding="utf-8")
+    parts = [part for part in page.split("\n## ")[1:] if "$$" in part or part.startswith("Algorithm")]
+    assert len(parts) >= 12
+    for part in parts:
+        code = part.partition("* **Code**")[2]
+        assert "](../src/modlhmp/" in code, part.splitlines()[0]
+        assert "](../tests/reference/" in part or part.startswith("State"), part.splitlines()[0]
+
+
+def test_the_command_line_is_told_whole():
+    told = describe.commands()
+    assert {"### modlhmp forecast", "### modlhmp map build", "### modlhmp live"} <= set(told.splitlines())
+    assert max(map(len, told.splitlines())) <= 120

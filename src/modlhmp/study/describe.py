@@ -3,13 +3,18 @@
 `make settings` writes them anew; a test fails when they are stale.
 """
 
+import ast
 import dataclasses
 import json
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import typer
+
 from modlhmp import datasets, file_format, kinds, options, site
+from modlhmp.cli import app
 from modlhmp.exchange.forms import FORMS
 from modlhmp.maps.columns import METADATA, TABLES
 from modlhmp.plausibility import CHECKS
@@ -20,35 +25,12 @@ from modlhmp.study.exhibits import EXHIBITS
 
 ROOT = Path(__file__).parents[3]
 SCHEMAS = Path(__file__).parents[1] / "schemas"
-READMES = tuple(ROOT / name for name in ("config/README.md", "docs/code.md", "docs/maps.md", "paper_figures/README.md"))
-# What the paper calls it, our file, and the text by which its line is found there.
-PLACES = (
-    ("Sec. III-A, observed velocity", "forecasting/observe.py", "def current_velocity"),
-    ("Alg. 1, MoD-LHMP", "forecasting/rollout.py", "def roll_out"),
-    ("Alg. 1 line 6, Eq. 1: the next position", "forecasting/rollout.py", "# Eq. 1"),
-    ("Alg. 1 line 7: what any map offers", "maps/base.py", "def sample"),
-    ("Alg. 1 line 8, Eq. 2: K and β", "forecasting/rollout.py", "# Eq. 2"),
-    ("Alg. 2, sampling from CLiFF", "maps/cliff.py", "def _sample"),
-    ("Alg. 2, which SWGMM: the largest p within r_s", "maps/cliff.py", "def _locate("),
-    ("Alg. 3, sampling from STeF", "maps/stef.py", "def _sample"),
-    ("Sec. III-C.1, density of a semi-wrapped Gaussian mixture", "maps/swgmm.py", "def log_density_one"),
-    ("Sec. III-C.1, mean shift", "maps/mean_shift.py", "def mean_shift"),
-    ("Sec. III-C.1, expectation maximisation", "maps/swgmm.py", "def _em"),
-    ("Sec. III-C.2, time-conditioned CLiFF-map", "maps/tc_cliff.py", "def build_hours"),
-    ("Sec. III-C.3, STeF: counts by direction and interval", "maps/stef.py", "def _signals"),
-    ("Sec. III-C.3, FreMEn", "maps/fremen.py", "def analyse"),
-    ("Sec. III-D, ranking", "forecasting/ranking.py", "def most_likely"),
-    ("Sec. IV-B, which tracks are usable", "tracks.py", "def usable_tracks"),
-    ("Sec. IV-C, what a network offers", "networks/network.py", "class Base"),
-    ("Sec. IV-C, training of every network", "networks/training.py", "def train("),
-    ("Sec. IV-D, ADE and FDE", "scoring/errors.py", "def displacement_errors"),
-    ("both protocols", "scoring/protocols.py", "def score("),
-    ("paper protocol: idle tracks", "scoring/errors.py", "def is_idle"),
-    ("complete protocol: the longest-lived are ranked", "forecasting/ranking.py", "def longest_lived"),
-    ("which seconds of truth count", "scoring/errors.py", "def ground_truth"),
-    ("paired one-sided t-tests", "scoring/ttests.py", "def paired_test"),
-    ("Holm's correction", "scoring/ttests.py", "def holm"),
+READMES = (
+    ROOT / "config/README.md",
+    ROOT / "paper_figures/README.md",
+    *(ROOT / "docs" / f"{name}.md" for name in ("command-line", "maps", "method", "protocols", "start")),
 )
+_PLACE = re.compile(r"(\[`([\w.]+)`\]\()(\.\./[\w/.-]+\.py)#L\d+\)")
 _LEARNING = "A method may also choose its own " + ", ".join(
     f"`{field.name}`" for field in dataclasses.fields(options.Learning)
 )
@@ -112,7 +94,8 @@ def tables() -> dict[str, str]:
         "checks": checks(),
         "exhibits": exhibits(),
         "lacks": lacking(),
-        "equations": places(),
+        "commands": commands(),
+        "lines": ten_lines(),
         "forms": forms(),
         "columns": columns(),
         "dataset sections": "\n\n".join(f"#### `{name}`\n\n{table(cls)}" for name, cls in DATASET_SECTIONS.items()),
@@ -185,23 +168,55 @@ def checks() -> str:
     return "\n".join(lines)
 
 
-def places() -> str:
-    """Where each equation, algorithm and rule stands, with its line."""
-    lines = ["| the paper | code |", "|---|---|"]
-    for what, name, text in PLACES:
-        path = Path("src/modlhmp", name)
-        numbers = [
-            n for n, line in enumerate((ROOT / path).read_text(encoding="utf-8").splitlines(), 1) if text in line
-        ]
-        if not numbers:
-            raise ValueError(f"{path}: no line with {text!r}, which is {what}")
-        called = text.removeprefix("def ").removeprefix("class ").removeprefix("# ").rstrip("(")
-        lines.append(f"| {what} | [`{name}`, `{called}`](../{path.as_posix()}#L{numbers[0]}) |")
-    return "\n".join(lines)
+def ten_lines() -> str:
+    """The README's ten lines of Python."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    return readme[readme.index("```python\n") :].partition("\n```\n")[0] + "\n```"
+
+
+def commands() -> str:
+    """Every verb of the command line with its help, as `--help` prints it."""
+    parts = []
+    for name, command in _verbs("modlhmp", typer.main.get_command(app)):
+        context = command.make_context(name, [], resilient_parsing=True, terminal_width=100, max_content_width=100)
+        parts.append(f"### {name}\n\n```text\n{command.get_help(context).rstrip()}\n```")
+    return "\n\n".join(parts)
+
+
+def _verbs(name: str, command: Any) -> Iterator[tuple[str, Any]]:
+    """(name, command) of a group's verbs, those of its groups after them."""
+    for verb, one in command.commands.items():
+        yield from _verbs(f"{name} {verb}", one) if hasattr(one, "commands") else [(f"{name} {verb}", one)]
+
+
+def with_lines(text: str) -> str:
+    """A page whose links to functions and classes, [`maps.cliff.build`](../src/.../cliff.py#L1), have their lines.
+
+    `ValueError` for one that is not there.
+    """
+    return _PLACE.sub(lambda found: f"{found[1]}{_line(found[3], found[2])})", text)
+
+
+def _line(path: str, name: str) -> str:
+    """`path#L12`, where the function, class or method begins whose dotted name ends `name`."""
+    tree = ast.parse((ROOT / path.removeprefix("../")).read_text(encoding="utf-8"))
+    found = [(len(names), line) for names, line in _defined(tree) if name.split(".")[-len(names) :] == names]
+    if not found:
+        raise ValueError(f"{path}: no function or class {name!r}; a page links to it")
+    return f"{path}#L{max(found)[1]}"
+
+
+def _defined(tree: ast.AST, within: tuple[str, ...] = ()) -> Iterator[tuple[list[str], int]]:
+    """(names, line) of every function, class and method."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield [*within, node.name], node.lineno
+            yield from _defined(node, (*within, node.name))
 
 
 def made_anew(text: str) -> str:
     """The text of a README with its tables made anew."""
+    text = with_lines(text)
     for name, made in tables().items():
         place = rf"(<!-- {name}: made by `make settings` -->\n).*?(<!-- end of {name} -->)"
         text = re.sub(place, rf"\g<1>{_literal(made)}\n\g<2>", text, flags=re.DOTALL)
