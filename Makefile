@@ -92,7 +92,7 @@ TORCH_PLAIN := (sys_platform == "linux" and platform_machine == "aarch64") or \
     (sys_platform == "darwin" and platform_machine == "arm64")
 TORCH_HASH := 6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b
 TORCH_NEEDS := filelock fsspec jinja2 networkx safetensors sympy typing-extensions
-LOCKED := --extra hdf5 --extra plans --extra ros --extra study --extra notebooks --extra dev
+LOCKED := --extra hdf5 --extra plans --extra ros --extra study --extra cluster --extra notebooks --extra dev
 UPGRADE ?=
 
 lock:                     ## environment.lock anew from pyproject.toml (needs uv)

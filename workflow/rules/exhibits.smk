@@ -30,10 +30,14 @@ for exhibit in EXHIBITS:
             },
         log:
             LAYOUT.log(exhibit.rule, *names),
+        benchmark:
+            LAYOUT.benchmark(exhibit.rule, *names)
         wildcard_constraints:
             label="|".join(one.label for one in DATASETS.values()),
+        group:
+            "exhibits"
         resources:
-            mem_mb=exhibit.memory_mb,
+            mem_mb=1500,
             runtime=exhibit.minutes,
         params:
             module=exhibit.module,

@@ -24,6 +24,8 @@ for kind in all_kinds().values():
             LAYOUT.log(f"build_{kind.name}", "{dataset}"),
         benchmark:
             LAYOUT.benchmark(f"build_{kind.name}", "{dataset}")
+        group:
+            "methods"
         resources:
             mem_mb=1500,
             runtime=60,
@@ -56,10 +58,15 @@ for method in PLAN.published:
             ),
         log:
             LAYOUT.log(f"import_{method}", "{dataset}"),
+        benchmark:
+            LAYOUT.benchmark(f"import_{method}", "{dataset}")
+        group:
+            "methods"
         resources:
-            mem_mb=1000,
+            mem_mb=1500,
             runtime=10,
         params:
+            run=RUN.run,
             file=lambda wildcards, file=file: file,  # its braces are no wildcards
             form=entry.form or None,
             kind=kind.name,

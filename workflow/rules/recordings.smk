@@ -26,10 +26,14 @@ rule make_demo_recording:
         f"{LAYOUT.demo}/{{file}}",
     log:
         LAYOUT.log("make_demo_recording", "{file}"),
+    benchmark:
+        LAYOUT.benchmark("make_demo_recording", "{file}")
     wildcard_constraints:
         file="|".join(DEMO_FILES),
+    group:
+        "recordings"
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=5,
     params:
         day=lambda wildcards: DEMO_FILES[wildcards.file]._asdict(),
@@ -48,8 +52,12 @@ rule make_demo_floor_plan:
         image=f"{LAYOUT.demo}/hall/hall.pgm",
     log:
         LAYOUT.log("make_demo_floor_plan"),
+    benchmark:
+        LAYOUT.benchmark("make_demo_floor_plan")
+    group:
+        "recordings"
     resources:
-        mem_mb=500,
+        mem_mb=1500,
         runtime=5,
     params:
         code=code_of("make_demo_floor_plan"),
@@ -68,7 +76,7 @@ rule fetch_recording:
     wildcard_constraints:
         missing="|".join(map(re.escape, MISSING)) or "nothing_is_missing",
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=240,
     params:
         file=lambda wildcards: MISSING[wildcards.missing][1],
@@ -104,8 +112,10 @@ rule clean_recording:
         LAYOUT.log("clean_recording", "{dataset}", "{recording}"),
     benchmark:
         LAYOUT.benchmark("clean_recording", "{dataset}", "{recording}")
+    group:
+        "recordings"
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=30,
     params:
         dataset=settings_of(*CLEANING_KEYS),
@@ -137,9 +147,13 @@ rule check_splits:
         LAYOUT.checks("{dataset}"),
     log:
         LAYOUT.log("check_splits", "{dataset}"),
+    benchmark:
+        LAYOUT.benchmark("check_splits", "{dataset}")
     priority: 1  # before maps and forecasts, which would be in vain
+    group:
+        "recordings"
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=15,
     params:
         recordings=lambda wildcards: [

@@ -200,7 +200,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "been run.",
         needs=_claims,
         asks=_claims_asks,
-        memory_mb=1500,
         minutes=30,
         lacks=(lacks.ESTIMATED_CLOCK, lacks.NEEDS_PLAN, lacks.NEEDS_LONGER, lacks.NEEDS_NUMBER, lacks.TOO_FEW),
     ),
@@ -316,7 +315,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=lambda plan, datasets: _studies(plan, datasets, plan.studied),
         asks=_parameter_asks,
         wanted=lambda plan: bool(plan.studied),
-        memory_mb=1500,
     ),
     Exhibit(
         name="training-share",
@@ -330,6 +328,5 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=lambda plan, datasets: _studies(plan, datasets, ["training"]),
         asks=_training_asks,
         wanted=lambda plan: bool(plan.from_less),
-        memory_mb=1500,
     ),
 )
