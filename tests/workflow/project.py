@@ -12,12 +12,20 @@ ROOT = Path(__file__).parents[2]
 
 
 class Job(NamedTuple):
-    """A job that is planned: its rule and wildcards, the modules of its code, the numbers of the jobs it needs."""
+    """A job that is planned: its rule and wildcards, the modules of its code, the numbers of the jobs it needs.
+
+    `submitted` numbers what a queue gets, which may be a group of jobs; None where none does. Memory is in MB, the
+    runtime in minutes.
+    """
 
     rule: str
     wildcards: dict[str, str]
     modules: frozenset[str]
     needs: list[int]
+    submitted: int | None
+    benchmark: str | None
+    memory: int
+    runtime: int
 
 
 def rerun_after(jobs, module):
@@ -52,7 +60,7 @@ class Project:
         """Every job of a run, without a dry run's look at what is there: `Job`s."""
         printed = self._run([ROOT / "tests/workflow/job_graph.py", *arguments], False, {})
         listed = json.loads(next(line for line in printed.splitlines() if line.startswith("[[")))
-        return [Job(rule, wildcards, frozenset(modules), needs) for rule, wildcards, modules, needs in listed]
+        return [Job(rule, wildcards, frozenset(modules), *rest) for rule, wildcards, modules, *rest in listed]
 
     def _run(self, command, fails, environment):
         inherited = {key: value for key, value in os.environ.items() if key != "MODLHMP_DATA"}

@@ -20,6 +20,7 @@ from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study import running
 from modlhmp.study.killed import killed_jobs
 from modlhmp.study.layout import SUMS, Layout
+from modlhmp.study.queue_errors import check_status_command, remedies
 from modlhmp.study.plan import (
     CLEANING_KEYS,
     FORECAST_KEYS,
@@ -55,11 +56,17 @@ if LOCKED and workflow.is_main_process and "--unlock" not in sys.argv:
 
 
 onstart:
+    try:
+        check_status_command(
+            getattr(workflow.executor_settings, "status_command", None)
+        )
+    except DataError as error:
+        raise WorkflowError(f"\n{error}") from None
     remove_leftovers(LAYOUT.results, LAYOUT.exhibits, LAYOUT.demo)
 
 
 onerror:
-    for text in killed_jobs(log):
+    for text in killed_jobs(log) + remedies(log):
         print(text, file=sys.stderr)
 
 
