@@ -80,8 +80,8 @@ unlock: environment      ## remove the lock that a killed run has left, if no ru
 bench: environment        ## speed and memory, as ratios in one run -> results/bench.json
 	$(BIN)/python benchmarks/run.py
 
-paper-size: environment   ## the workflow at the paper's volume, and its growth -> results/paper-size.*
-	$(BIN)/python benchmarks/paper_size.py --cores $(CORES)
+paper-size: environment   ## the workflow at the paper's volume, and its growth -> results/paper-size.* (CLUSTER=slurm: queued, too)
+	$(BIN)/python benchmarks/paper_size.py --cores $(CORES) $(if $(CLUSTER),--profile profiles/$(CLUSTER))
 
 # uv resolves everything but one wheel: on Linux x86_64 torch's plain wheel draws 20 GPU packages, so the CPU wheel is
 # appended by hash. Versions stay as they are in environment.lock unless pyproject.toml rules them out or UPGRADE names

@@ -26,12 +26,18 @@ ours() { # numbers of processes that were started from here; with `node` those o
         [ "${process#/proc/}" = $$ ] || echo "${process#/proc/}"
     done
 }
-stop_node() { ours node | xargs --no-run-if-empty kill -KILL 2>/dev/null || true; }
+end() {
+    local found
+    found=$(ours "$@") # before any is killed: this line's own processes are among them
+    # shellcheck disable=SC2086 # numbers
+    [ -z "$found" ] || kill -KILL $found 2>/dev/null || true
+}
+stop_node() { end node; }
 start_node() { "$scratch/bin/slurmd-wlm" -d "$scratch/bin/slurmstepd-wlm"; }
 leave() {
     trap - EXIT
-    stop_node
-    ours | xargs --no-run-if-empty kill -KILL 2>/dev/null || true
+    end node
+    end
     rm -rf "$scratch"
 }
 

@@ -20,7 +20,7 @@ from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study import running
 from modlhmp.study.killed import killed_jobs
 from modlhmp.study.layout import SUMS, Layout
-from modlhmp.study.queue_errors import check_status_command, remedies
+from modlhmp.study.queue_errors import check_queue, check_status_command, remedies
 from modlhmp.study.plan import (
     CLEANING_KEYS,
     FORECAST_KEYS,
@@ -56,12 +56,16 @@ if LOCKED and workflow.is_main_process and "--unlock" not in sys.argv:
 
 
 onstart:
-    try:
-        check_status_command(
-            getattr(workflow.executor_settings, "status_command", None)
-        )
-    except DataError as error:
-        raise WorkflowError(f"\n{error}") from None
+    if hasattr(workflow.executor_settings, "status_command"):  # Slurm
+        try:
+            check_status_command(workflow.executor_settings.status_command)
+            check_queue(
+                dict(job.resources.items())
+                for job in workflow.dag.get_jobs_or_groups()
+                if not job.is_local
+            )
+        except DataError as error:
+            raise WorkflowError(f"\n{error}") from None
     remove_leftovers(LAYOUT.results, LAYOUT.exhibits, LAYOUT.demo)
 
 

@@ -3,8 +3,9 @@
 import re
 import shutil
 import subprocess
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from modlhmp.storage import DataError
 
@@ -34,12 +35,33 @@ _REMEDIES = {
     "nodes: NODE,NODE`, keeps jobs off nodes that do not.",
 }  # fmt: skip
 
+# Resources of a job, and the options of `sbatch` that ask for them.
+_OPTIONS = {
+    "slurm_partition": "partition", "slurm_account": "account", "qos": "qos", "constraint": "constraint",
+    "mem_mb": "mem", "runtime": "time", "_cores": "cpus-per-task", "gres": "gres",
+}  # fmt: skip
+
 
 def remedies(logs: str | Path | Iterable[str | Path]) -> list[str]:
     """What to change in the profile, from the log of a run, or its logs; nothing where they say nothing of a queue."""
     files = [logs] if isinstance(logs, str | Path) else list(logs)
     text = "\n".join(Path(file).read_text(errors="replace") for file in files if Path(file).is_file())
-    return [remedy for said, remedy in _REMEDIES.items() if re.search(said, text)] if "SLURM run ID" in text else []
+    return _answers(text) if "SLURM run ID" in text else []
+
+
+def check_queue(asked: Iterable[Mapping[str, Any]]) -> None:
+    """`DataError` where Slurm would refuse a job, each given by the resources that it asks for.
+
+    It is asked before the first is submitted: Snakemake keeps what `sbatch` says of a group to itself.
+    """
+    options = {tuple(f"--{_OPTIONS[key]}={one[key]}" for key in _OPTIONS if one.get(key) is not None) for one in asked}
+    for option in sorted(options):
+        command = ["sbatch", "--test-only", "--wrap=true", *option]
+        told = subprocess.run(command, capture_output=True, text=True, check=False)
+        answers = _answers(told.stderr) if told.returncode else []
+        if answers:
+            said = told.stderr.strip().splitlines()[-1]
+            raise DataError(f"Slurm would refuse a job of {' '.join(option)}: {said}\n" + "\n".join(answers))
 
 
 def check_status_command(command: str | None) -> None:
@@ -52,3 +74,7 @@ def check_status_command(command: str | None) -> None:
             f"profile, slurm-status-command: sacct says {(told.stderr or told.stdout).strip()!r}, and would never tell "
             "that a job has ended: set squeue"
         )
+
+
+def _answers(text: str) -> list[str]:
+    return [remedy for said, remedy in _REMEDIES.items() if re.search(said, text)]
