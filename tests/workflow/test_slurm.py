@@ -1,15 +1,15 @@
 """The workflow as jobs of a real Slurm, of one node and for this test alone: `tests/cluster/slurm.sh`."""
 
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
-import time
 from importlib.util import find_spec
 
 import pytest
-from project import ROOT
+from project import ROOT, Project
 
 from modlhmp.study.certificate import outputs
 from modlhmp.study.layout import Layout
@@ -76,25 +76,47 @@ def test_a_job_that_fails_shows_its_log_and_a_refused_one_the_key_to_change(proj
 
 
 STOP = """
+log=results/tiny/logs/train/demo_forum/lstm.log
 "$@" & run=$!
-until squeue --noheader --states=RUNNING --format=%o%k | grep -q train; do sleep 1; done
-sleep 8; "$SLURM_NODE" stop; echo stopped
+until grep -q 'epoch 3 ' $log; do sleep 0.2; done 2>/dev/null
+scontrol requeue $(squeue --noheader --states=RUNNING --format=%i)
+until grep -q 'continues after' $log && grep -q 'epoch 8 ' $log; do sleep 0.2; done 2>/dev/null
+grep continues $log
+"$SLURM_NODE" stop
 until sinfo --noheader --states=down --format=%D | grep -q 1; do sleep 1; done
-squeue --noheader --format='requeued: %k %T'
+squeue --noheader --format='queued again: %k'
 "$SLURM_NODE" start
-wait $run
+wait $run && grep continues $log
 """
 
 
 @pytest.mark.full
-def test_a_node_that_stops_and_the_whole_run_end_with_the_same_bytes(tiny_run, project):
-    """In the middle of a training all processes of the node are killed; the job is queued again and goes on."""
-    began = time.monotonic()
-    printed, status = beside_slurm(project, ["bash", "-c", STOP, "bash", *snakemake("--", "certify")], 3600)
+def test_a_training_that_gives_way_and_loses_its_node_ends_with_the_same_weights(tiny_run, tmp_path):
+    """It is put back into the queue, as preemption does, and later all processes of its node are killed."""
+    plain, project = Project(tmp_path / "plain"), Project(tmp_path / "slurm")
+    for one in (plain, project):
+        shutil.copytree(
+            tiny_run.folder / "results/tiny/demo_forum/tracks", one.folder / "results/tiny/demo_forum/tracks"
+        )
+        shutil.copytree(tiny_run.folder / "resources", one.folder / "resources")
+        (one.folder / "long.yaml").write_text("budgets: {demo: {lstm: {windows: 40000}}}\n")
+    wanted = ("--configfile", "config/tiny.yaml", "long.yaml", "--", "results/tiny/demo_forum/models/lstm.json")
+    plain.snakemake("--cores", 1, *wanted)
+    printed, status = beside_slurm(project, ["bash", "-c", STOP, "bash", *snakemake(*wanted)], 1500)
     assert status == 0, printed[-5000:]
-    assert "stopped" in printed and "requeued: group_trainings" in printed
-    assert same_bytes(tiny_run, project) == same_bytes(tiny_run, tiny_run)
-    print(f"{time.monotonic() - began:.0f} s")
+    assert "queued again: group_trainings" in printed
+    assert len(set(re.findall(r"continues after epoch (\d+)", printed))) == 2
+    for name in ("lstm.safetensors", "lstm.last.safetensors"):
+        file = f"results/tiny/demo_forum/models/{name}"
+        assert (project.folder / file).read_bytes() == (plain.folder / file).read_bytes()
+
+
+@pytest.mark.full
+def test_the_whole_run_gives_the_same_bytes(tiny_run, project):
+    """Every result, table and figure of the tiny demo."""
+    printed, status = beside_slurm(project, snakemake("--", "certify"), 3600)
+    assert status == 0, printed[-5000:]
+    assert same_bytes(tiny_run, project) == set(outputs(Layout("tiny", str(tiny_run.folder))))
 
 
 def test_nothing_is_left(tmp_path):

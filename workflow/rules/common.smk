@@ -59,10 +59,10 @@ onstart:
     if hasattr(workflow.executor_settings, "status_command"):  # Slurm
         try:
             check_status_command(workflow.executor_settings.status_command)
+            planned = workflow.dag.needrun_jobs()
+            queued = {workflow.dag.get_job_group(job) or job for job in planned}
             check_queue(
-                dict(job.resources.items())
-                for job in workflow.dag.get_jobs_or_groups()
-                if not job.is_local
+                dict(job.resources.items()) for job in queued if not job.is_local
             )
         except DataError as error:
             raise WorkflowError(f"\n{error}") from None
