@@ -33,7 +33,10 @@ end() {
     [ -z "$found" ] || kill -KILL $found 2>/dev/null || true
 }
 stop_node() { end node; }
-start_node() { "$scratch/bin/slurmd-wlm" -d "$scratch/bin/slurmstepd-wlm"; }
+start_node() {
+    rm -rf "$scratch"/spool/* # of jobs that a stopped node has left, as a node does when it boots
+    "$scratch/bin/slurmd-wlm" -d "$scratch/bin/slurmstepd-wlm"
+}
 leave() {
     trap - EXIT
     end node

@@ -77,13 +77,14 @@ def test_a_job_that_fails_shows_its_log_and_a_refused_one_the_key_to_change(proj
 
 STOP = """
 log=results/tiny/logs/train/demo_forum/lstm.log
+await() { until eval "$1" 2>/dev/null; do kill -0 $run || exit 1; sleep 0.2; done; }
 "$@" & run=$!
-until grep -q 'epoch 3 ' $log; do sleep 0.2; done 2>/dev/null
+await "grep -q 'epoch 3 ' $log"
 scontrol requeue $(squeue --noheader --states=RUNNING --format=%i)
-until grep -q 'continues after' $log && grep -q 'epoch 8 ' $log; do sleep 0.2; done 2>/dev/null
+await "grep -q 'continues after' $log && grep -q 'epoch 8 ' $log"
 grep continues $log
 "$SLURM_NODE" stop
-until sinfo --noheader --states=down --format=%D | grep -q 1; do sleep 1; done
+await "sinfo --noheader --states=down --format=%D | grep -q 1"
 squeue --noheader --format='queued again: %k'
 "$SLURM_NODE" start
 wait $run && grep continues $log
@@ -104,7 +105,7 @@ def test_a_training_that_gives_way_and_loses_its_node_ends_with_the_same_weights
     plain.snakemake("--cores", 1, *wanted)
     printed, status = beside_slurm(project, ["bash", "-c", STOP, "bash", *snakemake(*wanted)], 1500)
     assert status == 0, printed[-5000:]
-    assert "queued again: group_trainings" in printed
+    assert re.search("queued again: .*trainings", printed)
     assert len(set(re.findall(r"continues after epoch (\d+)", printed))) == 2
     for name in ("lstm.safetensors", "lstm.last.safetensors"):
         file = f"results/tiny/demo_forum/models/{name}"
