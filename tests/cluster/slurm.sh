@@ -13,18 +13,14 @@ scratch=$(mktemp -d "${TMPDIR:-/tmp}/slurm.XXXXXX")
 chmod 711 "$scratch" # munged wants everybody to reach its socket
 
 ours() { # numbers of processes that were started from here; with `node` those of the node and its jobs only
-    local process program of_job
-    for process in /proc/[0-9]*; do
-        program=$(readlink "$process/exe" 2>/dev/null) || continue # gone, or another user's
-        of_job=$({ tr '\0' '\n' <"$process/environ" | grep -x -e "SLURM_JOB_ID=.*" -e "OF_SLURM=$scratch"; } 2>/dev/null) || true
-        case "${1:-} $program $of_job" in
-        *" $scratch/usr/sbin/slurmd-wlm "* | *" $scratch/usr/sbin/slurmstepd-wlm "*) ;;
-        "node "*SLURM_JOB_ID=*) [[ $of_job == *OF_SLURM=* ]] || continue ;;
-        " "*OF_SLURM=*) ;;
-        *) continue ;;
-        esac
-        [ "${process#/proc/}" = $$ ] || echo "${process#/proc/}"
-    done
+    local marked
+    marked=$(grep -lazx "OF_SLURM=$scratch" /proc/[0-9]*/environ 2>/dev/null) || true
+    if [ "${1:-}" = node ]; then
+        # shellcheck disable=SC2086 # paths without blanks
+        marked=$(grep -lazx "SLURM_JOB_ID=.*" $marked /dev/null 2>/dev/null) || true
+        marked+=$'\n'$(find /proc -maxdepth 2 -path '/proc/[0-9]*/exe' -lname "$scratch/usr/sbin/slurm[ds]*" 2>/dev/null) || true
+    fi
+    cut -s -d/ -f3 <<<"$marked" | sort -u | grep -vx $$ || true
 }
 end() {
     local found
