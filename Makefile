@@ -88,8 +88,8 @@ unlock: environment      ## remove the lock that a killed run has left, if no ru
 bench: environment        ## speed and memory, as ratios in one run -> results/bench.json
 	$(BIN)/python benchmarks/run.py
 
-paper-size: environment   ## the workflow at the paper's volume, and its growth -> results/paper-size.*
-	$(BIN)/python benchmarks/paper_size.py --cores $(CORES)
+paper-size: environment   ## the workflow at the paper's volume, and its growth -> results/paper-size.* (CLUSTER=slurm: queued, too)
+	$(BIN)/python benchmarks/paper_size.py --cores $(CORES) $(if $(CLUSTER),--profile profiles/$(CLUSTER))
 
 # uv resolves everything but one wheel: on Linux x86_64 torch's plain wheel draws 20 GPU packages, so the CPU wheel is
 # appended by hash. Versions stay as they are in environment.lock unless pyproject.toml rules them out or UPGRADE names
@@ -100,7 +100,7 @@ TORCH_PLAIN := (sys_platform == "linux" and platform_machine == "aarch64") or \
     (sys_platform == "darwin" and platform_machine == "arm64")
 TORCH_HASH := 6746dbcbeb526eb61330b76b41ff1b4eb848951103a892eeb080dfa2b264667b
 TORCH_NEEDS := filelock fsspec jinja2 networkx safetensors sympy typing-extensions
-LOCKED := --extra docs --extra hdf5 --extra plans --extra ros --extra study --extra notebooks --extra dev
+LOCKED := --extra docs --extra hdf5 --extra plans --extra ros --extra study --extra cluster --extra notebooks --extra dev
 UPGRADE ?=
 
 lock:                     ## environment.lock anew from pyproject.toml (needs uv)

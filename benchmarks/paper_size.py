@@ -56,6 +56,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sizes", type=float, nargs="+", default=SIZES, help="fractions of the paper's volume")
     parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--profile", type=Path, help="of a cluster, for a second run of each size (docs/clusters.md)")
     parser.add_argument("--scratch", type=Path, help="folder to work in, and to keep (default: a temporary one)")
     parser.add_argument("--keep", action="store_true", help="keep the recordings in --scratch, too")
     options = parser.parse_args()
@@ -129,6 +130,8 @@ def run_size(folder, size, options, start_up_s):
         }
         | {"all": megabytes([*(folder / "results").rglob("*"), *(folder / "paper_figures").rglob("*")])},
     }
+    if options.profile:
+        found["queued"] = run_queued(folder, options.profile, found["wall_s"])
     if not options.keep:
         shutil.rmtree(folder / "resources")
     return found
@@ -186,23 +189,50 @@ def write_recordings(root, datasets, size, cores):
     return {name: [file for file, _ in days[name]] for name in days}
 
 
-def run_workflow(folder, cores, start_up_s):
-    """Run Snakemake in a folder and watch it: wall time, number of jobs, and what each rule took."""
+def start(folder, arguments, log):
+    """Snakemake, started in a folder, and the file that it writes to."""
     environment = {key: value for key, value in os.environ.items() if key != "MODLHMP_DATA"}
     paths = [str(ROOT / "src"), *filter(None, [environment.get("PYTHONPATH")])]
     environment |= {"PYTHONPATH": os.pathsep.join(paths), "PYTHONHASHSEED": "0"}
     environment.setdefault("MODLHMP_CACHE_DIR", str(ROOT / ".cache/kernels"))
-    command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--configfile", f"config/{RUN}.yaml"]
-    log = OUT.with_name(f"{OUT.name}-{folder.name}.log")
+    command = [sys.executable, "-m", "snakemake", *arguments, "--configfile", f"config/{RUN}.yaml"]
     print(f"workflow of size {folder.name}: {log}", flush=True)
-    start = time.perf_counter()
     with open(log, "w") as output:
-        process = subprocess.Popen(command, cwd=folder, env=environment, stdout=output, stderr=subprocess.STDOUT)
-        jobs = watch(process)
-    wall_s = time.perf_counter() - start
+        return subprocess.Popen(command, cwd=folder, env=environment, stdout=output, stderr=subprocess.STDOUT)
+
+
+def ended(process, log, size):
+    """What Snakemake has written; stops where it has failed."""
     text = log.read_text()
-    if process.returncode:
-        sys.exit(f"{text[-3000:]}\nthe workflow of size {folder.name} failed; the whole log is {log}")
+    if process.wait():
+        sys.exit(f"{text[-3000:]}\nthe workflow of size {size} failed; the whole log is {log}")
+    return text
+
+
+def run_queued(folder, profile, wall_s):
+    """The same run as jobs of a cluster: how many its queue got, wall time, and that above the local one's [%]."""
+    for made in ("results", "paper_figures", ".snakemake"):
+        shutil.rmtree(folder / made)
+    log = OUT.with_name(f"{OUT.name}-{folder.name}-{profile.name}.log")
+    began = time.perf_counter()
+    text = ended(start(folder, ["--profile", profile.resolve()], log), log, folder.name)
+    queued_s = time.perf_counter() - began
+    submitted = len(re.findall(r"has been submitted with", text))
+    return {
+        "jobs": submitted,
+        "wall_s": round(queued_s, 1),
+        "overhead_percent": round(100 * (queued_s / wall_s - 1), 1),
+    }
+
+
+def run_workflow(folder, cores, start_up_s):
+    """Run Snakemake in a folder and watch it: wall time, number of jobs, and what each rule took."""
+    log = OUT.with_name(f"{OUT.name}-{folder.name}.log")
+    began = time.perf_counter()
+    process = start(folder, ["--cores", str(cores)], log)
+    jobs = watch(process)
+    wall_s = time.perf_counter() - began
+    text = ended(process, log, folder.name)
     jobs["short"] = jobs.s < 2 * start_up_s
     jobs["stage"] = jobs.rule.str.split("_").str[0].map(STAGES)
     wanted = {"jobs": ("s", "size"), "s": ("s", "sum"), "shortest_s": ("s", "min"), "peak_mb": ("mb", "max")}
@@ -281,6 +311,11 @@ def report(found):
             0,
         ),
     }
+    if queued := last.get("queued"):
+        judged |= {
+            "overhead of the queue [%]": (queued["overhead_percent"], 20),
+            "its jobs": (queued["jobs"], last["jobs"]),
+        }
     verdicts = [
         (name, f"{value:.4g}", limit, "not known" if np.isnan(value) else "met" if value <= limit else "NOT MET")
         for name, (value, limit) in judged.items()

@@ -12,13 +12,21 @@ ROOT = Path(__file__).parents[2]
 
 
 class Job(NamedTuple):
-    """A job that is planned: its rule and wildcards, its code's modules, numbers of the jobs it needs, its priority."""
+    """A job that is planned: its rule and wildcards, the modules of its code, numbers of the jobs it needs, priority.
+
+    `submitted` numbers what a queue gets, which may be a group of jobs; None where none does. Memory is in MB, the
+    runtime in minutes.
+    """
 
     rule: str
     wildcards: dict[str, str]
     modules: frozenset[str]
     needs: list[int]
     priority: int
+    submitted: int | None
+    benchmark: str | None
+    memory: int
+    runtime: int
 
 
 def rerun_after(jobs, module):

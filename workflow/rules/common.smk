@@ -23,6 +23,7 @@ from modlhmp.study.layout import SUMS, Layout
 from modlhmp.study.report.about import about, files as report_files
 from modlhmp.study.report.look import assets_version
 from modlhmp.study.report.rule_graph import rule_graph
+from modlhmp.study.queue_errors import check_queue, check_status_command, remedies
 from modlhmp.study.plan import (
     CLEANING_KEYS,
     FORECAST_KEYS,
@@ -58,6 +59,16 @@ if LOCKED and workflow.is_main_process and "--unlock" not in sys.argv:
 
 
 onstart:
+    if hasattr(workflow.executor_settings, "status_command"):  # Slurm
+        try:
+            check_status_command(workflow.executor_settings.status_command)
+            planned = workflow.dag.needrun_jobs()
+            queued = {workflow.dag.get_job_group(job) or job for job in planned}
+            check_queue(
+                dict(job.resources.items()) for job in queued if not job.is_local
+            )
+        except DataError as error:
+            raise WorkflowError(f"\n{error}") from None
     remove_leftovers(LAYOUT.results, LAYOUT.exhibits, LAYOUT.demo)
     # Its limit of jobs per second lets Snakemake look at all ready jobs again one second after every look, and once
     # more for every job that ends: hundreds of looks a second in the end. Cores limit local jobs already.
@@ -66,7 +77,7 @@ onstart:
 
 
 onerror:
-    for text in killed_jobs(log):
+    for text in killed_jobs(log) + remedies(log):
         print(text, file=sys.stderr)
 
 

@@ -31,11 +31,15 @@ for exhibit in EXHIBITS:
             },
         log:
             LAYOUT.log(exhibit.rule, *names),
+        benchmark:
+            LAYOUT.benchmark(exhibit.rule, *names)
         wildcard_constraints:
             label="|".join(one.label for one in DATASETS.values()),
         priority: 1  # what can be looked at comes before what takes long
+        group:
+            "exhibits"
         resources:
-            mem_mb=exhibit.memory_mb,
+            mem_mb=1500,
             runtime=exhibit.minutes,
         params:
             module=exhibit.module,
@@ -100,8 +104,12 @@ rule write_report:
         ),
     log:
         LAYOUT.log("write_report"),
+    benchmark:
+        LAYOUT.benchmark("write_report")
+    group:
+        "exhibits"
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=15,
     params:
         run=RUN.run,

@@ -22,6 +22,8 @@ for method in PLAN.trained:
             LAYOUT.log("train", "{dataset}", method),
         benchmark:
             LAYOUT.benchmark("train", "{dataset}", method)
+        group:
+            "trainings"
         threads: RUN.learned.threads
         resources:
             mem_mb=3000,
@@ -56,6 +58,8 @@ rule forecast_with_network:
         LAYOUT.benchmark("forecast_with_network", "{dataset}", "{method}")
     wildcard_constraints:
         method="|".join(PLAN.learned) or NO_METHOD,
+    group:
+        "methods"
     threads: RUN.learned.threads
     resources:
         mem_mb=3000,
@@ -92,9 +96,11 @@ rule forecast_method:
             if name not in PLAN.learned + PLAN.averages + PLAN.handed_in
         )
         or NO_METHOD,
+    group:
+        "methods"
     resources:
         mem_mb=1500,
-        runtime=120,
+        runtime=30,
     params:
         run=RUN.run,
         method=method_of,
@@ -121,8 +127,12 @@ rule average_forecasts:
         directory(LAYOUT.forecasts("{dataset}", "{method}")),
     log:
         LAYOUT.log("average_forecasts", "{dataset}", "{method}"),
+    benchmark:
+        LAYOUT.benchmark("average_forecasts", "{dataset}", "{method}")
     wildcard_constraints:
         method="|".join(PLAN.averages) or NO_METHOD,
+    group:
+        "methods"
     resources:
         mem_mb=1500,
         runtime=10,
@@ -148,8 +158,12 @@ rule take_forecasts:
         directory(LAYOUT.forecasts("{dataset}", "{method}")),
     log:
         LAYOUT.log("take_forecasts", "{dataset}", "{method}"),
+    benchmark:
+        LAYOUT.benchmark("take_forecasts", "{dataset}", "{method}")
     wildcard_constraints:
         method="|".join(PLAN.handed_in) or NO_METHOD,
+    group:
+        "methods"
     resources:
         mem_mb=3000,
         runtime=30,

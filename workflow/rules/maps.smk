@@ -25,6 +25,8 @@ for kind in all_kinds().values():
         benchmark:
             LAYOUT.benchmark(f"build_{kind.name}", "{dataset}")
         priority: 1  # before trainings and forecasts, so that there are pictures soon
+        group:
+            "methods"
         resources:
             mem_mb=1500,
             runtime=60,
@@ -57,10 +59,15 @@ for method in PLAN.published:
             ),
         log:
             LAYOUT.log(f"import_{method}", "{dataset}"),
+        benchmark:
+            LAYOUT.benchmark(f"import_{method}", "{dataset}")
+        group:
+            "methods"
         resources:
-            mem_mb=1000,
+            mem_mb=1500,
             runtime=10,
         params:
+            run=RUN.run,
             file=lambda wildcards, file=file: file,  # its braces are no wildcards
             form=entry.form or None,
             kind=kind.name,

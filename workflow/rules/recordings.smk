@@ -26,11 +26,15 @@ rule make_demo_recording:
         f"{LAYOUT.demo}/{{file}}",
     log:
         LAYOUT.log("make_demo_recording", "{file}"),
+    benchmark:
+        LAYOUT.benchmark("make_demo_recording", "{file}")
     wildcard_constraints:
         file="|".join(DEMO_FILES),
     priority: 2
+    group:
+        "recordings"
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=5,
     params:
         day=lambda wildcards: DEMO_FILES[wildcards.file]._asdict(),
@@ -49,9 +53,13 @@ rule make_demo_floor_plan:
         image=f"{LAYOUT.demo}/hall/hall.pgm",
     log:
         LAYOUT.log("make_demo_floor_plan"),
+    benchmark:
+        LAYOUT.benchmark("make_demo_floor_plan")
     priority: 2
+    group:
+        "recordings"
     resources:
-        mem_mb=500,
+        mem_mb=1500,
         runtime=5,
     params:
         code=code_of("make_demo_floor_plan"),
@@ -70,7 +78,7 @@ rule fetch_recording:
     wildcard_constraints:
         missing="|".join(map(re.escape, MISSING)) or "nothing_is_missing",
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=240,
     params:
         file=lambda wildcards: MISSING[wildcards.missing][1],
@@ -107,8 +115,10 @@ rule clean_recording:
     benchmark:
         LAYOUT.benchmark("clean_recording", "{dataset}", "{recording}")
     priority: 2
+    group:
+        "recordings"
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=30,
     params:
         dataset=settings_of(*CLEANING_KEYS),
@@ -140,9 +150,13 @@ rule check_splits:
         LAYOUT.checks("{dataset}"),
     log:
         LAYOUT.log("check_splits", "{dataset}"),
+    benchmark:
+        LAYOUT.benchmark("check_splits", "{dataset}")
     priority: 2  # before maps and forecasts, which would be in vain
+    group:
+        "recordings"
     resources:
-        mem_mb=1000,
+        mem_mb=1500,
         runtime=15,
     params:
         recordings=lambda wildcards: [

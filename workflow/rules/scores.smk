@@ -18,6 +18,8 @@ rule score_method:
         LAYOUT.log("score_method", "{dataset}", "{method}"),
     benchmark:
         LAYOUT.benchmark("score_method", "{dataset}", "{method}")
+    group:
+        "methods"
     resources:
         mem_mb=1500,
         runtime=30,
@@ -42,8 +44,12 @@ rule read_protocol:
         LAYOUT.readings("{dataset}", "{method}"),
     log:
         LAYOUT.log("read_protocol", "{dataset}", "{method}"),
+    benchmark:
+        LAYOUT.benchmark("read_protocol", "{dataset}", "{method}")
     wildcard_constraints:
         method="|".join(PLAN.read_anew) or NO_METHOD,
+    group:
+        "methods"
     resources:
         mem_mb=1500,
         runtime=30,
@@ -67,6 +73,10 @@ rule measure_encounters:
         LAYOUT.encounters("{dataset}", "{method}"),
     log:
         LAYOUT.log("measure_encounters", "{dataset}", "{method}"),
+    benchmark:
+        LAYOUT.benchmark("measure_encounters", "{dataset}", "{method}")
+    group:
+        "methods"
     resources:
         mem_mb=2500,
         runtime=30,
@@ -101,6 +111,8 @@ rule measure_uncertainty:
         LAYOUT.benchmark("measure_uncertainty", "{dataset}", "{method}")
     wildcard_constraints:
         method="|".join(PLAN.measured) or NO_METHOD,
+    group:
+        "methods"
     resources:
         mem_mb=1500,
         runtime=60,
@@ -129,6 +141,8 @@ rule compare_methods:
         LAYOUT.log("compare_methods", "{dataset}"),
     benchmark:
         LAYOUT.benchmark("compare_methods", "{dataset}")
+    group:
+        "exhibits"
     resources:
         mem_mb=1500,
         runtime=30,
@@ -162,6 +176,8 @@ rule summarise_results:
         LAYOUT.log("summarise_results"),
     benchmark:
         LAYOUT.benchmark("summarise_results")
+    group:
+        "exhibits"
     resources:
         mem_mb=1500,
         runtime=30,
@@ -203,6 +219,8 @@ rule measure_costs:
         LAYOUT.costs("{dataset}"),
     log:
         LAYOUT.log("measure_costs", "{dataset}"),
+    benchmark:
+        LAYOUT.benchmark("measure_costs", "{dataset}")
     threads: 1000  # capped to all there are, so it runs alone
     resources:
         mem_mb=3000,
@@ -237,6 +255,10 @@ rule climb_ladder:
         differences=LAYOUT.ladder("{dataset}", "differences"),
     log:
         LAYOUT.log("climb_ladder", "{dataset}"),
+    benchmark:
+        LAYOUT.benchmark("climb_ladder", "{dataset}")
+    group:
+        "exhibits"
     resources:
         mem_mb=1500,
         runtime=30,

@@ -29,6 +29,8 @@ rule study_parameter:
         LAYOUT.benchmark("study_parameter", "{dataset}", "{parameter}")
     wildcard_constraints:
         parameter="beta|sampling_radius_m",
+    group:
+        "studies"
     resources:
         mem_mb=1500,
         runtime=60,
@@ -58,6 +60,8 @@ rule study_training:
         LAYOUT.log("study_training", "{dataset}"),
     benchmark:
         LAYOUT.benchmark("study_training", "{dataset}")
+    group:
+        "studies"
     resources:
         mem_mb=2000,
         runtime=60,
@@ -95,6 +99,8 @@ rule study_occupied:
         LAYOUT.log("study_occupied", "{dataset}"),
     benchmark:
         LAYOUT.benchmark("study_occupied", "{dataset}")
+    group:
+        "studies"
     resources:
         mem_mb=2000,
         runtime=60,
@@ -135,6 +141,8 @@ rule measure_likelihood:
         LAYOUT.log("measure_likelihood", "{dataset}"),
     benchmark:
         LAYOUT.benchmark("measure_likelihood", "{dataset}")
+    group:
+        "studies"
     resources:
         mem_mb=3000,
         runtime=60,
@@ -176,6 +184,8 @@ rule measure_given:
         LAYOUT.log("measure_given", "{dataset}"),
     benchmark:
         LAYOUT.benchmark("measure_given", "{dataset}")
+    group:
+        "studies"
     resources:
         mem_mb=3000,
         runtime=60,
@@ -183,14 +193,6 @@ rule measure_given:
         run=RUN.run,
         made=lambda wildcards: {
             name: PLAN.method(wildcards.dataset, name).plain()
-            for name in GIVEN["made"]
-        },
-        maps=lambda wildcards: {
-            name: PLAN.map_of(wildcards.dataset, name) or None
-            for name in GIVEN["made"]
-        },
-        exits=lambda wildcards: {
-            name: PLAN.exits_of(wildcards.dataset, name) or None
             for name in GIVEN["made"]
         },
         methods=PLAN.given,
@@ -215,6 +217,8 @@ rule measure_runtime:
         LAYOUT.runtime("{dataset}"),
     log:
         LAYOUT.log("measure_runtime", "{dataset}"),
+    benchmark:
+        LAYOUT.benchmark("measure_runtime", "{dataset}")
     threads: 1000  # capped to all there are, so it runs alone
     resources:
         mem_mb=1500,

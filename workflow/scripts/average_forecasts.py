@@ -8,7 +8,7 @@ from modlhmp.study.layout import Layout
 
 with job_log(snakemake.log[0]):
     params, names = snakemake.params, snakemake.wildcards
-    layout = Layout(params.run)
+    layout = Layout.around(params.run, snakemake.output[0])
     for recording in params.recordings:
         files = [layout.forecast(names.dataset, member, recording) for member in params.members]
         forecasts = average_forecasts([read_forecasts(file) for file in files])

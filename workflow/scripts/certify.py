@@ -7,4 +7,5 @@ from modlhmp.study.layout import Layout
 
 with job_log(snakemake.log[0]):
     params = snakemake.params
-    write_json(snakemake.output[0], certificate(Layout(params.run), params.config, params.root))
+    layout = Layout.around(params.run, snakemake.output[0])
+    write_json(snakemake.output[0], certificate(layout, params.config, params.root))

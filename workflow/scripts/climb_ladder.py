@@ -15,7 +15,8 @@ from modlhmp.study.summary import at_horizons
 
 with job_log(snakemake.log[0]) as log:
     params, dataset = snakemake.params, snakemake.wildcards.dataset
-    layout, site, ladder = Layout(params.run), build(Site, params.dataset), params.ladder
+    layout = Layout.around(params.run, snakemake.output[0])
+    site, ladder = build(Site, params.dataset), params.ladder
     horizons, step_s = params.horizons, site.time_step_s
     errors = {
         method: at_horizons(layout.errors(dataset, method), horizons, step_s)

@@ -13,7 +13,8 @@ from modlhmp.study.summary import at_horizons
 
 with job_log(snakemake.log[0]) as log:
     params, dataset = snakemake.params, snakemake.wildcards.dataset
-    layout, site = Layout(params.run), build(Site, params.dataset)
+    layout = Layout.around(params.run, snakemake.output[0])
+    site = build(Site, params.dataset)
     errors = {
         method: at_horizons(layout.errors(dataset, method), params.horizons, site.time_step_s)
         for method in progress(params.methods, desc="methods")

@@ -14,7 +14,8 @@ from modlhmp.tracks import owner_ids, read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
-    layout, method, site = Layout(params.run), Method.of(params.method), build(Site, params.dataset)
+    layout = Layout.around(params.run, snakemake.output[0])
+    method, site = Method.of(params.method), build(Site, params.dataset)
     learned = method.learning is not None
     path, exits = files.get("weights") or files.get("map"), files.get("exits")
     device = method.learning.device if learned else "auto"

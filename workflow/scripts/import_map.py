@@ -11,11 +11,13 @@ from modlhmp.origins import provenance, unchanged
 from modlhmp.settings import as_plain, build
 from modlhmp.site import Site
 from modlhmp.storage import DataError, write_parquet
+from modlhmp.study.layout import Layout
 from modlhmp.tracks import read_tracks, together
 
 with job_log(snakemake.log[0]) as log:
     params, kind, out = snakemake.params, find(snakemake.params.kind), Path(snakemake.output.map)
-    site, path = build(Site, params.dataset), params.file
+    site = build(Site, params.dataset)
+    path = Layout.around(params.run, snakemake.output[0]).here(params.file)
     with unchanged(*snakemake.input.map) as hashes:
         if is_parquet(path, params.form):
             of_kind, _, whole, hours = read_ours(path)

@@ -18,7 +18,8 @@ from modlhmp.tracks import read_tracks, together
 
 with job_log(snakemake.log[0]) as log:
     params, names = snakemake.params, snakemake.wildcards
-    layout, site = Layout(params.run), build(Site, params.dataset)
+    layout = Layout.around(params.run, snakemake.output[0])
+    site = build(Site, params.dataset)
     every = []
     for recording, others in params.recordings.items():
         tracks, *rest = (read_tracks(layout.tracks(names.dataset, one)) for one in (recording, *others))

@@ -7,6 +7,7 @@ import pyarrow as pa
 
 from modlhmp.forecasting.files import read_forecasts
 from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.kinds import find
 from modlhmp.logs import job_log, progress
 from modlhmp.methods import Method, make_forecaster
 from modlhmp.origins import provenance
@@ -22,14 +23,17 @@ from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, dataset, files = snakemake.params, snakemake.wildcards.dataset, snakemake.input
-    layout, site = Layout(params.run), build(Site, params.dataset)
+    layout = Layout.around(params.run, snakemake.output[0])
+    site = build(Site, params.dataset)
     site, seed, scored = replace(site, horizon_s=STEP * site.time_step_s), params.seed, {}
     tests = zip(params.recordings, files.tracks, strict=True)
     recordings = [(name, read_tracks(file), read_scenes(file)) for name, file in tests]
     for name in progress(params.methods, desc="methods"):
         if plain := params.made.get(name):
             method = Method.of(plain)
-            asked = make_forecaster(method.kind, method.options, site, params.maps[name], params.exits[name])
+            path = layout.map_of(dataset, method) if find(method.kind).has_map else None
+            exits = files.exits[0] if files.exits else None
+            asked = make_forecaster(method.kind, method.options, site, path, exits)
         scored[name] = []
         for recording, tracks, scenes in recordings:
             key = dataset, name, recording

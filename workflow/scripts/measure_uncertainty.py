@@ -18,7 +18,7 @@ from modlhmp.tracks import person_ids, read_tracks, with_persons
 with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     method, site = Method.of(params.method), build(Site, params.dataset)
-    layout = Layout(params.run)
+    layout = Layout.around(params.run, snakemake.output[0])
     made = files.get("forecasts")  # a network's or from outside, which are as many samples as there are
     if not made:
         forecaster = make_forecaster(method.kind, method.options, site, files.get("map"), files.get("exits"))

@@ -15,7 +15,8 @@ from modlhmp.tracks import read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, names = snakemake.params, snakemake.wildcards
-    layout, site = Layout(params.run), build(Site, params.dataset)
+    layout = Layout.around(params.run, snakemake.output[0])
+    site = build(Site, params.dataset)
     recordings = (
         (read_tracks(file), read_forecasts(layout.forecast(names.dataset, names.method, recording)), read_scenes(file))
         for recording, file in zip(params.recordings, snakemake.input.tracks, strict=True)

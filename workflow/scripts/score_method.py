@@ -15,7 +15,8 @@ from modlhmp.tracks import owner_ids, person_ids, read_tracks, with_owners, with
 
 def scored(files, params, names, log):
     """Errors of one recording after the other; `DataError` if there are none at all."""
-    layout, site = Layout(params.run), build(Site, params.dataset)
+    layout = Layout.around(params.run, snakemake.output[0])
+    site = build(Site, params.dataset)
     plan, rows = None, 0
     if files.floor_plan:
         plan = moved(load_floor_plan(files.floor_plan[0]), params.origin_m)

@@ -13,7 +13,8 @@ from modlhmp.tracks import person_ids, read_tracks, with_persons
 
 with job_log(snakemake.log[0]) as log:
     params, dataset, parameter = snakemake.params, snakemake.wildcards.dataset, snakemake.wildcards.parameter
-    layout, site, method = Layout(params.run), build(Site, params.dataset), Method.of(params.method)
+    layout = Layout.around(params.run, snakemake.output[0])
+    site, method = build(Site, params.dataset), Method.of(params.method)
     recordings = {name: read_tracks(layout.tracks(dataset, name)) for name in params.recordings}
     persons = person_ids(*snakemake.input.tracks)
     recordings = sample_tracks(recordings, dataset, site, params.max_tracks)

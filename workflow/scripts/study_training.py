@@ -14,7 +14,8 @@ from modlhmp.tracks import person_ids, read_tracks, together, with_persons
 
 with job_log(snakemake.log[0]) as log:
     params, dataset = snakemake.params, snakemake.wildcards.dataset
-    layout, site, methods = Layout(params.run), build(Site, params.dataset), [Method.of(one) for one in params.methods]
+    layout = Layout.around(params.run, snakemake.output[0])
+    site, methods = build(Site, params.dataset), [Method.of(one) for one in params.methods]
     recordings = {name: read_tracks(layout.tracks(dataset, name)) for name in params.recordings}
     persons = person_ids(*snakemake.input.tracks)
     recordings = sample_tracks(recordings, dataset, site, params.max_tracks)

@@ -10,7 +10,8 @@ from modlhmp.study.layout import Layout
 from modlhmp.study.summary import read_errors, summarise
 
 with job_log(snakemake.log[0]) as log:
-    params, layout = snakemake.params, Layout(snakemake.params.run)
+    params = snakemake.params
+    layout = Layout.around(params.run, snakemake.output[0])
     wanted = [(dataset, method) for dataset in params.time_steps for method in params.methods]
     tables = [
         summarise(dataset, method, read_errors(layout.errors(dataset, method)), params.time_steps[dataset])

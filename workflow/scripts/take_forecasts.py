@@ -16,7 +16,8 @@ from modlhmp.tracks import owner_ids, read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, names = snakemake.params, snakemake.wildcards
-    layout, site, files = Layout(params.run), build(Site, params.dataset), snakemake.input.files
+    layout = Layout.around(params.run, snakemake.output[0])
+    site, files = build(Site, params.dataset), snakemake.input.files
     own = {name: layout.tracks(names.dataset, name) for name in params.recordings}
     task = make_task(((name, read_tracks(file), None) for name, file in own.items()), site, names.dataset)
     with unchanged(*files) as hashes:

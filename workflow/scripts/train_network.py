@@ -18,7 +18,8 @@ from modlhmp.tracks import read_tracks
 with job_log(snakemake.log[0]) as log:
     params, method, site = snakemake.params, Method.of(snakemake.params.method), build(Site, snakemake.params.dataset)
     kind = find(method.kind)
-    layout, dataset = Layout(params.run), snakemake.wildcards.dataset
+    layout = Layout.around(params.run, snakemake.output[0])
+    dataset = snakemake.wildcards.dataset
     names = {name for own, others in params.days.items() for name in (own, *others)}
     tracks = {name: read_tracks(layout.tracks(dataset, name)) for name in sorted(names)}
     days = [

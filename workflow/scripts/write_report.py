@@ -10,7 +10,6 @@ from modlhmp.study.report.rule_graph import RuleGraph
 with job_log(snakemake.log[0]):
     params = snakemake.params
     datasets = [build(Dataset, plain) for plain in params.datasets]
-    write(
-        Layout(params.run), datasets, snakemake.output[0], **params.about, graph=RuleGraph(*params.graph),
-        rules=params.rules,
-    )  # fmt: skip
+    layout = Layout.around(params.run, snakemake.output[0])
+    graph = RuleGraph(*params.graph)
+    write(layout, datasets, snakemake.output[0], **params.about, graph=graph, rules=params.rules)

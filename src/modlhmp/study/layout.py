@@ -21,6 +21,23 @@ class Layout:
     run: str
     root: str = "."
 
+    @classmethod
+    def around(cls, run: str, file: str) -> "Layout":
+        """The layout in which a job's file of `results/{run}` or `paper_figures/{run}` lies.
+
+        Snakemake keeps a job's files elsewhere than in the project's folder where a storage provider brings and
+        fetches them: below a folder of its own, under the same names.
+        """
+        for folder in ("results", "paper_figures"):
+            root, found, _ = str(file).rpartition(f"{folder}/{run}/")
+            if found:
+                return cls(run, root.rstrip("/") or ".")
+        raise ValueError(f"{file} is no file of run {run}")
+
+    def here(self, path: str) -> str:
+        """A path of the project's folder, where it lies in this layout."""
+        return path if self.root == "." else f"{self.root}/{path}"
+
     def _under(self, folder: str) -> str:
         return f"{folder}/{self.run}" if self.root == "." else f"{self.root}/{folder}/{self.run}"
 

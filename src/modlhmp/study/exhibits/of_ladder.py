@@ -78,7 +78,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         ],
         asks=_folds_asks,
         of_folds=True,
-        memory_mb=1500,
     ),
     Exhibit(
         name="ladder-{label}",

@@ -10,8 +10,6 @@ from modlhmp.study.exhibits.record import MODULES, Exhibit
 from modlhmp.study.explorer.look import assets_version
 from modlhmp.study.plan import Plan
 
-FORECAST_MB = 1500  # memory of exhibits that read forecasts
-
 
 def _floor_plans(datasets: Iterable[Dataset]) -> list[str]:
     return [file for dataset in datasets for file in dataset.floor_plan]
@@ -224,7 +222,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "dataset file.",
         needs=_examples,
         asks=_titles,
-        memory_mb=FORECAST_MB,
         lacks=(lacks.NO_TRACK, lacks.NO_RANKS),
     ),
     Exhibit(
@@ -241,7 +238,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "the first compared method.",
         needs=_examples,
         asks=_titles,
-        memory_mb=FORECAST_MB,
         lacks=(lacks.NO_TRACK,),
     ),
     Exhibit(
@@ -259,7 +255,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_memory_maps,
         asks=lambda plan, datasets: {"methods": _with_memory(plan)},
         wanted=lambda plan: len(_with_memory(plan)) == 2,
-        memory_mb=FORECAST_MB,
         lacks=(lacks.NO_TRACK,),
     ),
     Exhibit(
@@ -276,7 +271,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=_density,
         asks=_density_asks,
         wanted=_measures,
-        memory_mb=FORECAST_MB,
         lacks=(lacks.NO_TRACK,),
     ),
     Exhibit(
@@ -375,7 +369,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "followed second by second with what each method forecast; else the page has aggregates alone.",
         needs=_explored,
         asks=_explorer_asks,
-        memory_mb=FORECAST_MB,
     ),
     Exhibit(
         name="runtime",

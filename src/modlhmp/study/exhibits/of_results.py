@@ -298,7 +298,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=_short_asks,
         wanted=lambda plan: bool(_short(plan)),
         lacks=(lacks.NOT_SHORT, lacks.NOT_AS_LONG),
-        memory_mb=2000,
     ),
     Exhibit(
         name="tab_encounters",
@@ -327,7 +326,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "been run.",
         needs=_claims,
         asks=_claims_asks,
-        memory_mb=1500,
         minutes=30,
         lacks=(lacks.ESTIMATED_CLOCK, lacks.NEEDS_PLAN, lacks.NEEDS_LONGER, lacks.NEEDS_NUMBER, lacks.TOO_FEW),
     ),
@@ -371,7 +369,6 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=lambda plan, datasets: _studies(plan, datasets, plan.studied),
         asks=_parameter_asks,
         wanted=lambda plan: bool(plan.studied),
-        memory_mb=1500,
     ),
     Exhibit(
         name="training-share",
@@ -386,6 +383,5 @@ EXHIBITS: tuple[Exhibit, ...] = (
         needs=lambda plan, datasets: _studies(plan, datasets, ["training"]),
         asks=_training_asks,
         wanted=lambda plan: bool(plan.from_less),
-        memory_mb=1500,
     ),
 )

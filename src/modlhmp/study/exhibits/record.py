@@ -44,7 +44,6 @@ class Exhibit:
     wanted: Callable[[Plan], bool] = lambda plan: True
     lacks: tuple[Lack, ...] = ()  # what a dataset may not have of it, and what is shown instead
     of_folds: bool = False  # where a run is evaluated on folds, those exhibits are made that pool them, else the others
-    memory_mb: int = 1000
     minutes: int = 10
 
     @property
