@@ -142,9 +142,13 @@ def read_pieces(path: str | Path, columns: Sequence[str] | None = None) -> Itera
     """Yield a table in the pieces in which it was written."""
     file = open_parquet(path)
     for group in range(file.num_row_groups):
-        with _damage(path):
-            piece = file.read_row_group(group, columns, use_threads=False)
-        yield piece
+        yield read_group(path, file, group, columns)
+
+
+def read_group(path: str | Path, file: pq.ParquetFile, group: int, columns: Sequence[str] | None = None) -> pa.Table:
+    """One of the pieces in which the table of an open file was written."""
+    with _damage(path):
+        return file.read_row_group(group, columns, use_threads=False)
 
 
 def open_parquet(path: str | Path, texts_once: Sequence[str] | None = None) -> pq.ParquetFile:

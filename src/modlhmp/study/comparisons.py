@@ -1,6 +1,6 @@
 """Paired one-sided t-tests of every pair of methods that a run compares: is the first one's error smaller?"""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -64,6 +64,19 @@ def side_by_side(one: Errors, other: Errors, metric: str, days: Mapping[str, str
     return Pair(keys, ours, theirs, cluster, unknown)
 
 
+def sides(
+    errors: Mapping[str, ErrorsByOutput], pairs: Iterable[tuple[str, str]], protocol: str
+) -> Iterator[tuple[str, str, Errors, Errors]]:
+    """Every pair (method, against) with the errors of both; no more than one pair's are held, of large files."""
+    held: dict[str, Errors] = {}
+    for pair in pairs:
+        held = {method: held[method] for method in pair if method in held}
+        for method in pair:
+            if method not in held:
+                held[method] = main_errors(errors[method], protocol)
+        yield pair[0], pair[1], held[pair[0]], held[pair[1]]
+
+
 def compare(
     dataset: str,
     errors: Mapping[str, ErrorsByOutput],
@@ -81,11 +94,10 @@ def compare(
     """
     rows = []
     for protocol in PROTOCOLS:
-        for ours, theirs in pairs:
+        for ours, theirs, one, other in sides(errors, pairs, protocol):
             outputs = [main_output({output for output, _ in errors[method]}) for method in (ours, theirs)]
             for metric in ("ade", "fde"):
-                sides = main_errors(errors[ours], protocol), main_errors(errors[theirs], protocol)
-                both = side_by_side(*sides, metric, days)
+                both = side_by_side(one, other, metric, days)
                 for column, horizon in enumerate(horizons):
                     rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *_tested(both, column)))
     table = pd.DataFrame(rows, columns=COLUMNS[:-2])

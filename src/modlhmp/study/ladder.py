@@ -8,7 +8,7 @@ import pandas as pd
 from modlhmp.scoring.errors import seed_mean
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.ttests import mean_test, paired_test
-from modlhmp.study.comparisons import clusters, main_errors, side_by_side
+from modlhmp.study.comparisons import clusters, main_errors, side_by_side, sides
 from modlhmp.study.summary import ErrorsByOutput
 
 SCORES = (
@@ -59,10 +59,9 @@ def differences(
     """
     table = []
     for protocol in PROTOCOLS:
-        for method, against in dict.fromkeys(pairs):
+        for method, against, one, other in sides(errors, dict.fromkeys(pairs), protocol):
             for metric in ("ade", "fde"):
-                sides = main_errors(errors[method], protocol), main_errors(errors[against], protocol)
-                both = side_by_side(*sides, metric, days)
+                both = side_by_side(one, other, metric, days)
                 for column, horizon in enumerate(horizons):
                     ours, theirs = both.ours[:, :, column], both.theirs[:, :, column]
                     test = paired_test(ours, theirs, both.cluster)
