@@ -31,14 +31,16 @@ TASKS = {
     "HORIZONS, days)",
 }
 JOB = """
+from modlhmp.logs import job_log
 from modlhmp.study.comparisons import compare
 from modlhmp.study.ladder import differences, scores
 from modlhmp.study.summary import at_horizons, read_errors, summarise
 HORIZONS = {horizons}
 files = {files}
 days = {{f"day{{n:02d}}": f"day{{n:02d}}" for n in range({days})}}
-errors = {{name: at_horizons(file, HORIZONS, 1.0) for name, file in files.items()}}
-{task}
+with job_log({log!r}):  # as every job: it chooses how memory is given back
+    errors = {{name: at_horizons(file, HORIZONS, 1.0) for name, file in files.items()}}
+    {task}
 """
 
 
@@ -59,8 +61,9 @@ def main() -> None:
                 write_pieces((made_up(day, number, options) for day in days), file)
         sizes = ", ".join(f"{Path(file).stat().st_size / 1e6:.0f} MB" for file in files.values())
         print(f"{options.days} days, {options.seeds} seeds, {options.tracks} tracks a day: files of {sizes}")
+        log = str(Path(folder, "job.log"))
         for name, task in TASKS.items():
-            seconds, peak = run(JOB.format(files=files, horizons=HORIZONS, days=options.days, task=task))
+            seconds, peak = run(JOB.format(files=files, horizons=HORIZONS, days=options.days, task=task, log=log))
             over |= peak > GOAL_MB
             print(
                 f"| {name} | {seconds:.0f} s | {peak:.0f} MB | {'met' if peak <= GOAL_MB else 'NOT MET'} |", flush=True

@@ -26,6 +26,7 @@ from modlhmp.yaml_file import read_yaml
 VALIDATION_DAYS = 0.3
 _CLOCK = r"([01][0-9]|2[0-3]):[0-5][0-9](:[0-5][0-9])?([+-][0-9]{2}:[0-9]{2})?"
 REQUIRED = ("title", "reader", "timezone", "recordings", "horizon_s", "velocity", "citation", "terms")
+IN_NAME = "in_name"  # a `day` that stands in the name of each file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,11 @@ class Files:
     """An entry of `recordings`: files of one day and split."""
 
     files: str = option(meaning="path or glob under `data_root`; `**` stands for any number of folders, also none")
-    day: str | None = option(None, "local date, such as 2012-10-24; not where the `clock` is unknown")
+    day: str | None = option(
+        None,
+        "local date, such as 2012-10-24, or `in_name` where each file's name has it, such as atc-20121024.csv; not "
+        "where the `clock` is unknown",
+    )
     start: str | None = option(
         None,
         'local clock time of the file\'s time 0, quoted, such as "09:00", or with its offset from UTC, "02:30+01:00"; '
@@ -216,6 +221,20 @@ def validation_part(dataset: Dataset) -> Dataset:
     return dataclasses.replace(dataset, recordings=tuple(parts))
 
 
+def tested_between(dataset: Dataset, first: str, last: str) -> Dataset:
+    """The dataset with the test recordings of the days from `first` to `last` only; `DataError` where it has none."""
+    for day in (first, last):
+        _check_day("configuration, test_days", day)
+    kept = [one for one in dataset.recordings if one.split != "test" or first <= one.day <= last]
+    if not any(one.split == "test" for one in kept):
+        days = sorted(set(dataset.days("test").values()))
+        raise DataError(
+            f"configuration, test_days: dataset {dataset.name} has no test recording from {first} to {last}; its test "
+            f"days are {days[0]} to {days[-1]}"
+        )
+    return dataclasses.replace(dataset, recordings=tuple(kept))
+
+
 def folds(dataset: Dataset) -> list[Dataset]:
     """The dataset `FOLDS` times, the test recordings dealt out: each time all else but their contemporaries trains.
 
@@ -345,7 +364,6 @@ def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Record
     """The recordings that the entries stand for, each with its own name."""
     found = []
     for entry in file.recordings:
-        _check_day(path, entry.day)
         files = find_files(path, entry.files, root)
         made = [recording_at(one, root) for one in files]
         if file.file_is == "person":
@@ -354,13 +372,29 @@ def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Record
         split, chosen = (entry.split, None) if isinstance(entry.split, str) else ("", entry.split)
         found += [
             dataclasses.replace(
-                one, day=entry.day or "", start=entry.start, days=entry.days, split=split, chosen=chosen
+                one, day=_day_of(path, entry.day, one), start=entry.start, days=entry.days, split=split, chosen=chosen
             )
             for one in made
         ]
     check_different(path, found)
     names = names_of(path, found)
     return tuple(dataclasses.replace(one, name=name) for one, name in zip(found, names, strict=True))
+
+
+def _day_of(path: str | Path, day: str | None, recording: Recording) -> str:
+    """The day of a recording, where that is said or stands in its file's name; else none."""
+    if day != IN_NAME:
+        _check_day(path, day)
+        return day or ""
+    name = Path(recording.path).name
+    found = {"-".join(one) for one in re.findall(r"(?<!\d)(\d{4})[-_.]?(\d\d)[-_.]?(\d\d)(?!\d)", name)}
+    if len(found) != 1:
+        raise DataError(
+            f"{path}: day: {IN_NAME}: {name!r} names {len(found) or 'no'} days and not one, such as 20121024 or "
+            "2012-10-24; rename the file, or give its `day`"
+        )
+    _check_day(path, day := found.pop())
+    return day
 
 
 def _check_day(path: str | Path, day: str | None) -> None:

@@ -142,13 +142,18 @@ def read_pieces(path: str | Path, columns: Sequence[str] | None = None) -> Itera
     """Yield a table in the pieces in which it was written."""
     file = open_parquet(path)
     for group in range(file.num_row_groups):
-        yield read_group(path, file, group, columns)
+        with _damage(path):
+            piece = file.read_row_group(group, columns, use_threads=False)
+        yield piece
 
 
-def read_group(path: str | Path, file: pq.ParquetFile, group: int, columns: Sequence[str] | None = None) -> pa.Table:
-    """One of the pieces in which the table of an open file was written."""
+def read_batches(
+    path: str | Path, file: pq.ParquetFile, groups: Sequence[int], columns: Sequence[str]
+) -> Iterator[pa.Table]:
+    """Yield some pieces of an open file a few thousand rows at a time: reading a piece of lists takes ten times it."""
     with _damage(path):
-        return file.read_row_group(group, columns, use_threads=False)
+        for batch in file.iter_batches(1 << 13, row_groups=groups, columns=columns, use_threads=False):
+            yield pa.Table.from_batches([batch])
 
 
 def open_parquet(path: str | Path, texts_once: Sequence[str] | None = None) -> pq.ParquetFile:

@@ -6,9 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from modlhmp.scoring.errors import nan_mean
-from modlhmp.storage import column, open_parquet, read_group, read_pieces
+from modlhmp.storage import column, open_parquet, read_batches, read_pieces
 
 COLUMNS = (
     "dataset", "method", "output", "protocol", "horizon_s", "ade_m", "fde_m",
@@ -80,20 +81,19 @@ class StoredErrors(Mapping[tuple[str, str], Errors]):
         metrics, width = [name for name in METRICS if name in names], file.schema_arrow.field("ade").type.list_size
         about = [name for name in names if name not in metrics]
         for recording in sorted(self._recordings[key], key=lambda name: f"{name}/"):
-            tables, masks = [], {}
-            for group in self._groups[recording]:
-                rows = read_group(self.path, file, group, about).to_pandas()
-                is_of = zip(("recording", "output", "protocol"), (recording, *key), strict=True)
-                masks[group] = np.logical_and.reduce([rows[name] == value for name, value in is_of])
-                tables.append(rows[masks[group]])
+            groups = list(self._groups[recording])
+            rows = pa.concat_tables(read_batches(self.path, file, groups, about)).to_pandas()
+            is_of = zip(("recording", "output", "protocol"), (recording, *key), strict=True)
+            mine = np.logical_and.reduce([rows[name] == value for name, value in is_of])
             values = {}
             for name in metrics:  # one after the other: they are nearly all that the file holds
-                pieces = [
-                    column(read_group(self.path, file, group, [name]), name).reshape(-1, width)[mask][:, self.steps]
-                    for group, mask in masks.items()
-                ]
-                values[name] = np.concatenate(pieces)
-            yield _errors(pd.concat(tables, ignore_index=True), values, seeds, np.arange(1, width + 1)[self.steps])
+                chosen, start = [], 0
+                for batch in read_batches(self.path, file, groups, [name]):
+                    mask = mine[start : start + len(batch)]
+                    chosen.append(column(batch, name).reshape(-1, width)[mask][:, self.steps])
+                    start += len(batch)
+                values[name] = np.concatenate(chosen)
+            yield _errors(rows[mine], values, seeds, np.arange(1, width + 1)[self.steps])
 
 
 ErrorsByOutput = Mapping[tuple[str, str], Errors]  # of one method, by (output, protocol)
