@@ -12,10 +12,11 @@ import pandas as pd
 from snakemake.exceptions import WorkflowError
 from snakemake.utils import min_version
 
+from modlhmp.logs import job_log
 from modlhmp.storage import DataError
-from modlhmp.study.sites import write_sites
+from modlhmp.study.exhibits.sites_table import write_sites
 from modlhmp.study.sweep import load_sweep
-from modlhmp.study.versions import code_version, project_version
+from modlhmp.study.versions import project_version
 from modlhmp.yaml_file import read_yaml
 
 min_version("9.0")
@@ -65,6 +66,14 @@ onerror:
     )
 
 
+rule sweep:
+    """All sites, and the table: also where the table of those that did not fail is there already."""
+    default_target: True
+    input:
+        [SWEEP.numbers(site) for site in SWEEP.names],
+        f"{SWEEP.exhibits}/sites.csv",
+
+
 rule gather:
     """One table across all sites."""
     input:
@@ -78,15 +87,15 @@ rule gather:
         mem_mb=500,
         runtime=10,
     params:
-        sites=SWEEP.names,
         reference=SWEEP.settings.reference,
-        demo=lambda wildcards: is_demo(),
-        folder=SWEEP.exhibits,
-        code=code_version(ROOT / "workflow/scripts/gather_sites.py"),
+        code=project_version(ROOT),
     message:
         "The table across {SWEEP.settings.sweep}'s sites"
-    script:
-        "scripts/gather_sites.py"
+    run:
+        with job_log(log[0]):
+            write_sites(
+                dict(gathered()), params.reference, SWEEP.exhibits, is_demo()
+            )
 
 
 rule site:

@@ -15,7 +15,7 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 from modlhmp.cleaning import are_polygons, check_rules, clean_recording
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
-from modlhmp.readers.files import check_different, find_files, names_of, recording_at
+from modlhmp.readers.files import IN_NAME, check_different, day_in_name, find_files, names_of, recording_at
 from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
 from modlhmp.splits import FOLDS
@@ -26,7 +26,6 @@ from modlhmp.yaml_file import read_yaml
 VALIDATION_DAYS = 0.3
 _CLOCK = r"([01][0-9]|2[0-3]):[0-5][0-9](:[0-5][0-9])?([+-][0-9]{2}:[0-9]{2})?"
 REQUIRED = ("title", "reader", "timezone", "recordings", "horizon_s", "velocity", "citation", "terms")
-IN_NAME = "in_name"  # a `day` that stands in the name of each file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,32 +368,17 @@ def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Record
         if file.file_is == "person":
             folder = os.path.commonpath([one.parent for one in files])
             made = [dataclasses.replace(made[0], path=folder, people=tuple(map(str, files)))]
+        days = [day_in_name(path, file) if entry.day == IN_NAME else entry.day for file in files[: len(made)]]
+        for day in days:
+            _check_day(path, day)
         split, chosen = (entry.split, None) if isinstance(entry.split, str) else ("", entry.split)
         found += [
-            dataclasses.replace(
-                one, day=_day_of(path, entry.day, one), start=entry.start, days=entry.days, split=split, chosen=chosen
-            )
-            for one in made
+            dataclasses.replace(one, day=day or "", start=entry.start, days=entry.days, split=split, chosen=chosen)
+            for one, day in zip(made, days, strict=True)
         ]
     check_different(path, found)
     names = names_of(path, found)
     return tuple(dataclasses.replace(one, name=name) for one, name in zip(found, names, strict=True))
-
-
-def _day_of(path: str | Path, day: str | None, recording: Recording) -> str:
-    """The day of a recording, where that is said or stands in its file's name; else none."""
-    if day != IN_NAME:
-        _check_day(path, day)
-        return day or ""
-    name = Path(recording.path).name
-    found = {"-".join(one) for one in re.findall(r"(?<!\d)(\d{4})[-_.]?(\d\d)[-_.]?(\d\d)(?!\d)", name)}
-    if len(found) != 1:
-        raise DataError(
-            f"{path}: day: {IN_NAME}: {name!r} names {len(found) or 'no'} days and not one, such as 20121024 or "
-            "2012-10-24; rename the file, or give its `day`"
-        )
-    _check_day(path, day := found.pop())
-    return day
 
 
 def _check_day(path: str | Path, day: str | None) -> None:

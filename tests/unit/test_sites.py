@@ -9,8 +9,9 @@ from scipy import stats
 from modlhmp.datasets import load_dataset
 from modlhmp.storage import DataError
 from modlhmp.study.configuration import load_datasets, load_run
+from modlhmp.study.exhibits.sites_table import write_sites
 from modlhmp.study.layout import Layout
-from modlhmp.study.sites import KEYS, gather, site_rows, write_sites
+from modlhmp.study.sites import KEYS, gather, site_rows
 from modlhmp.study.sweep import load_sweep
 from modlhmp.yaml_file import read_yaml
 

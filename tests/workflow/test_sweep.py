@@ -97,6 +97,7 @@ def test_what_is_wrong_is_said_before_anything_runs(plazas):
     project, _ = plazas
     (project.folder / "wrong.yaml").write_text(SITES.replace("  broken:", "  nowhere:"))
     command = [one.replace("sites.yaml", "wrong.yaml") if isinstance(one, str) else one for one in SWEEP]
-    assert "site nowhere: configuration, datasets: no dataset named 'nowhere'" in project.snakemake(*command, fails=True)
+    printed = project.snakemake(*command, fails=True)
+    assert "site nowhere: configuration, datasets: no dataset named 'nowhere'" in printed
     nothing = project.snakemake("--snakefile", "workflow/sweep.smk", "--cores", 1, fails=True)
     assert "sweep: plazas" in nothing

@@ -56,7 +56,9 @@ def tracks_of(keys: Sequence[str] | np.ndarray) -> np.ndarray:
 
 def side_by_side(one: Errors, other: Errors, metric: str, days: Mapping[str, str]) -> Pair:
     """Two methods side by side; a method of one seed stands beside every seed of the other."""
-    keys, at_one, at_other = np.intersect1d(one.keys, other.keys, return_indices=True)
+    keys, at_one, at_other = one.keys, slice(None), slice(None)  # most often all are the same: none is copied
+    if not np.array_equal(one.keys, other.keys):
+        keys, at_one, at_other = np.intersect1d(one.keys, other.keys, return_indices=True)  # type: ignore[assignment]
     ours, theirs = np.broadcast_arrays(getattr(one, metric)[:, at_one], getattr(other, metric)[:, at_other])
     both = np.isfinite(ours) & np.isfinite(theirs)
     ours, theirs = np.where(both, ours, np.nan), np.where(both, theirs, np.nan)
@@ -97,13 +99,18 @@ def compare(
         for ours, theirs, one, other in sides(errors, pairs, protocol):
             outputs = [main_output({output for output, _ in errors[method]}) for method in (ours, theirs)]
             for metric in ("ade", "fde"):
-                both = side_by_side(one, other, metric, days)
-                for column, horizon in enumerate(horizons):
-                    rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *_tested(both, column)))
+                tested = _all_tested(side_by_side(one, other, metric, days))
+                for horizon, numbers in zip(horizons, tested, strict=True):
+                    rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *numbers))
     table = pd.DataFrame(rows, columns=COLUMNS[:-2])
     for side in ("p", "p_greater"):
         table[f"{side}_holm"] = table.groupby("protocol")[side].transform(holm) if len(table) else []
     return table
+
+
+def _all_tested(both):
+    """The numbers of every horizon; the pair's errors are held no longer than this takes."""
+    return [_tested(both, column) for column in range(both.ours.shape[2])]
 
 
 def _tested(both, column):
