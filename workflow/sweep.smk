@@ -12,7 +12,6 @@ import pandas as pd
 from snakemake.exceptions import WorkflowError
 from snakemake.utils import min_version
 
-from modlhmp.logs import job_log
 from modlhmp.storage import DataError
 from modlhmp.study.exhibits.sites_table import write_sites
 from modlhmp.study.sweep import load_sweep
@@ -49,19 +48,21 @@ def gathered():
         yield site, pd.read_parquet(numbers) if Path(numbers).exists() else failed
 
 
-def is_demo():
-    return any(SWEEP.site(site).dataset.demo for site in SWEEP.names)
+def write_gathered():
+    """Write the table of what there is, and return why the other sites are not in it."""
+    found = dict(gathered())
+    demo = any(SWEEP.site(site).dataset.demo for site in SWEEP.names)
+    write_sites(found, SWEEP.settings.reference, SWEEP.exhibits, demo)
+    return {site: why for site, why in found.items() if isinstance(why, str)}
 
 
 onerror:
-    found = dict(gathered())
-    failed = {site: why for site, why in found.items() if isinstance(why, str)}
-    write_sites(found, SWEEP.settings.reference, SWEEP.exhibits, is_demo())
+    failed = write_gathered()
     for site, why in failed.items():
         print(f"site {site}: {why}", file=sys.stderr)
     print(
-        f"{len(found) - len(failed)} of {len(found)} sites are in {SWEEP.exhibits}/sites.md; the same command runs "
-        "the others again.",
+        f"{len(SWEEP.names) - len(failed)} of {len(SWEEP.names)} sites are in {SWEEP.exhibits}/sites.md; the same "
+        "command runs the others again.",
         file=sys.stderr,
     )
 
@@ -81,8 +82,6 @@ rule gather:
     output:
         multiext(f"{SWEEP.exhibits}/sites", ".csv", ".md", ".html", ".tex"),
         f"{SWEEP.exhibits}/by_site.csv",
-    log:
-        SWEEP.log("gather.sites"),
     resources:
         mem_mb=500,
         runtime=10,

@@ -102,6 +102,7 @@ def compare(
                 tested = _all_tested(side_by_side(one, other, metric, days))
                 for horizon, numbers in zip(horizons, tested, strict=True):
                     rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *numbers))
+            del one, other  # before the next pair is read
     table = pd.DataFrame(rows, columns=COLUMNS[:-2])
     for side in ("p", "p_greater"):
         table[f"{side}_holm"] = table.groupby("protocol")[side].transform(holm) if len(table) else []

@@ -42,6 +42,7 @@ def scores(
                 test, eligible = mean_test(ade, cluster), one.eligible_steps >= steps[column]
                 mean = (test.mean, test.low, test.high, float(seed_mean(fde)))
                 table.append((dataset, protocol, horizon, method, *mean, test.n, eligible.sum()))
+            del one
     return pd.DataFrame(table, columns=SCORES)
 
 
@@ -69,4 +70,5 @@ def differences(
                     unknown = int((both.unknown & np.isfinite(ours).any(axis=0)).sum())
                     numbers = (test.n, test.mean, test.low, test.high, share, unknown)
                     table.append((dataset, protocol, horizon, metric, method, against, *numbers))
+            del one, other  # before the next pair is read
     return pd.DataFrame(table, columns=DIFFERENCES)
