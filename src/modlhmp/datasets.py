@@ -15,7 +15,7 @@ from annotated_types import Ge, Le, MaxLen, MinLen
 from modlhmp.cleaning import are_polygons, check_rules, clean_recording
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
-from modlhmp.readers.files import check_different, find_files, names_of, recording_at
+from modlhmp.readers.files import IN_NAME, check_different, day_in_name, find_files, names_of, recording_at
 from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
 from modlhmp.splits import FOLDS
@@ -33,7 +33,11 @@ class Files:
     """An entry of `recordings`: files of one day and split."""
 
     files: str = option(meaning="path or glob under `data_root`; `**` stands for any number of folders, also none")
-    day: str | None = option(None, "local date, such as 2012-10-24; not where the `clock` is unknown")
+    day: str | None = option(
+        None,
+        "local date, such as 2012-10-24, or `in_name` where each file's name has it, such as atc-20121024.csv; not "
+        "where the `clock` is unknown",
+    )
     start: str | None = option(
         None,
         'local clock time of the file\'s time 0, quoted, such as "09:00", or with its offset from UTC, "02:30+01:00"; '
@@ -216,6 +220,20 @@ def validation_part(dataset: Dataset) -> Dataset:
     return dataclasses.replace(dataset, recordings=tuple(parts))
 
 
+def tested_between(dataset: Dataset, first: str, last: str) -> Dataset:
+    """The dataset with the test recordings of the days from `first` to `last` only; `DataError` where it has none."""
+    for day in (first, last):
+        _check_day("configuration, test_days", day)
+    kept = [one for one in dataset.recordings if one.split != "test" or first <= one.day <= last]
+    if not any(one.split == "test" for one in kept):
+        days = sorted(set(dataset.days("test").values()))
+        raise DataError(
+            f"configuration, test_days: dataset {dataset.name} has no test recording from {first} to {last}; its test "
+            f"days are {days[0]} to {days[-1]}"
+        )
+    return dataclasses.replace(dataset, recordings=tuple(kept))
+
+
 def folds(dataset: Dataset) -> list[Dataset]:
     """The dataset `FOLDS` times, the test recordings dealt out: each time all else but their contemporaries trains.
 
@@ -345,18 +363,18 @@ def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Record
     """The recordings that the entries stand for, each with its own name."""
     found = []
     for entry in file.recordings:
-        _check_day(path, entry.day)
         files = find_files(path, entry.files, root)
         made = [recording_at(one, root) for one in files]
         if file.file_is == "person":
             folder = os.path.commonpath([one.parent for one in files])
             made = [dataclasses.replace(made[0], path=folder, people=tuple(map(str, files)))]
+        days = [day_in_name(path, file) if entry.day == IN_NAME else entry.day for file in files[: len(made)]]
+        for day in days:
+            _check_day(path, day)
         split, chosen = (entry.split, None) if isinstance(entry.split, str) else ("", entry.split)
         found += [
-            dataclasses.replace(
-                one, day=entry.day or "", start=entry.start, days=entry.days, split=split, chosen=chosen
-            )
-            for one in made
+            dataclasses.replace(one, day=day or "", start=entry.start, days=entry.days, split=split, chosen=chosen)
+            for one, day in zip(made, days, strict=True)
         ]
     check_different(path, found)
     names = names_of(path, found)

@@ -64,7 +64,7 @@ def _values(path: str | Path, text: str) -> Any:
     if (values := _values_in(written, {})) > MOST_VALUES:
         raise DataError(f"{path}: stands for {values:.3g} values, by aliases (*) of aliases; write fewer of them")
     _check_keys(path, written, set())
-    return _dates_as_text(None if written is None else loader.construct_document(written))
+    return dates_as_text(None if written is None else loader.construct_document(written))
 
 
 def _values_in(node: yaml.Node | None, known: dict[int, int]) -> int:
@@ -102,10 +102,10 @@ def _explained(error: yaml.MarkedYAMLError) -> str:
     return f"{place}: not valid YAML: {error.problem}{since}; look for brackets, quotes, colons and tabs"
 
 
-def _dates_as_text(value: Any) -> Any:
+def dates_as_text(value: Any) -> Any:
     """YAML turns 2012-10-24 into a date; settings and JSON want text."""
     if isinstance(value, dict):
-        return {key: _dates_as_text(entry) for key, entry in value.items()}
+        return {key: dates_as_text(entry) for key, entry in value.items()}
     if isinstance(value, list):
-        return [_dates_as_text(entry) for entry in value]
+        return [dates_as_text(entry) for entry in value]
     return value.isoformat() if isinstance(value, date) else value

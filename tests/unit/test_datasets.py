@@ -85,6 +85,10 @@ def test_the_shipped_datasets_are_all_listed_here(config_folder):
 
 def test_every_shipped_dataset_loads_without_its_files(config_folder, tmp_path):
     for file in sorted((config_folder / "datasets").glob("*.yaml")):
+        if file.stem == "atc_archive":  # found by globs: nobody can list what is missing
+            with pytest.raises(DataError, match=r"no file matches .*atc-2012102\[5-9\]\.csv"):
+                load_dataset(file, tmp_path)
+            continue
         dataset = load_dataset(file, tmp_path)
         assert dataset.name == file.stem
         for recording in dataset.recordings:

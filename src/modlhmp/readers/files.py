@@ -13,6 +13,7 @@ from modlhmp.readers.raw import COMPRESSED, find_recording
 from modlhmp.storage import DataError, refused
 
 _SUFFIXES = {"csv", "txt", "tsv", "ndjson", "dat"}
+IN_NAME = "in_name"  # a `day` that stands in the name of each file
 _HEAD_BYTES = 1 << 16
 
 
@@ -48,6 +49,17 @@ def _find(source: str | Path, listed: str, root: Path) -> list[Path]:
     if not matches:
         raise DataError(f"{source}: no file matches {path}; correct `files`, or `data_root` in the configuration")
     return matches
+
+
+def day_in_name(source: str | Path, path: Path) -> str:
+    """The one day, as 20121024 or 2012-10-24, in the name of a file; `DataError` that names `source` else."""
+    found = set(re.findall(r"(?<!\d)(\d{4})[-_.]?(\d\d)[-_.]?(\d\d)(?!\d)", path.name))
+    if len(found) != 1:
+        raise DataError(
+            f"{source}: day: {IN_NAME}: {path.name!r} names {len(found) or 'no'} days and not one, such as 20121024 or "
+            "2012-10-24; rename the file, or give its `day`"
+        )
+    return "-".join(found.pop())
 
 
 def recording_at(path: Path, root: Path) -> Recording:

@@ -1,6 +1,6 @@
 """Paired one-sided t-tests of every pair of methods that a run compares: is the first one's error smaller?"""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -56,12 +56,27 @@ def tracks_of(keys: Sequence[str] | np.ndarray) -> np.ndarray:
 
 def side_by_side(one: Errors, other: Errors, metric: str, days: Mapping[str, str]) -> Pair:
     """Two methods side by side; a method of one seed stands beside every seed of the other."""
-    keys, at_one, at_other = np.intersect1d(one.keys, other.keys, return_indices=True)
+    keys, at_one, at_other = one.keys, slice(None), slice(None)  # most often all are the same: none is copied
+    if not np.array_equal(one.keys, other.keys):
+        keys, at_one, at_other = np.intersect1d(one.keys, other.keys, return_indices=True)  # type: ignore[assignment]
     ours, theirs = np.broadcast_arrays(getattr(one, metric)[:, at_one], getattr(other, metric)[:, at_other])
     both = np.isfinite(ours) & np.isfinite(theirs)
     ours, theirs = np.where(both, ours, np.nan), np.where(both, theirs, np.nan)
     cluster, unknown = clusters(one.person[at_one], days), one.unknown[at_one] | other.unknown[at_other]
     return Pair(keys, ours, theirs, cluster, unknown)
+
+
+def sides(
+    errors: Mapping[str, ErrorsByOutput], pairs: Iterable[tuple[str, str]], protocol: str
+) -> Iterator[tuple[str, str, Errors, Errors]]:
+    """Every pair (method, against) with the errors of both; no more than one pair's are held, of large files."""
+    held: dict[str, Errors] = {}
+    for pair in pairs:
+        held = {method: held[method] for method in pair if method in held}
+        for method in pair:
+            if method not in held:
+                held[method] = main_errors(errors[method], protocol)
+        yield pair[0], pair[1], held[pair[0]], held[pair[1]]
 
 
 def compare(
@@ -81,17 +96,22 @@ def compare(
     """
     rows = []
     for protocol in PROTOCOLS:
-        for ours, theirs in pairs:
+        for ours, theirs, one, other in sides(errors, pairs, protocol):
             outputs = [main_output({output for output, _ in errors[method]}) for method in (ours, theirs)]
             for metric in ("ade", "fde"):
-                sides = main_errors(errors[ours], protocol), main_errors(errors[theirs], protocol)
-                both = side_by_side(*sides, metric, days)
-                for column, horizon in enumerate(horizons):
-                    rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *_tested(both, column)))
+                tested = _all_tested(side_by_side(one, other, metric, days))
+                for horizon, numbers in zip(horizons, tested, strict=True):
+                    rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *numbers))
+            del one, other  # before the next pair is read
     table = pd.DataFrame(rows, columns=COLUMNS[:-2])
     for side in ("p", "p_greater"):
         table[f"{side}_holm"] = table.groupby("protocol")[side].transform(holm) if len(table) else []
     return table
+
+
+def _all_tested(both):
+    """The numbers of every horizon; the pair's errors are held no longer than this takes."""
+    return [_tested(both, column) for column in range(both.ours.shape[2])]
 
 
 def _tested(both, column):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from modlhmp import kinds, options
-from modlhmp.datasets import Dataset, folds, load_dataset, validation_part
+from modlhmp.datasets import Dataset, folds, load_dataset, tested_between, validation_part
 from modlhmp.exchange.forms import FORMS
 from modlhmp.exchange.hand_in import hand_in_files, read_sheet
 from modlhmp.exchange.maps import kind_in, map_files, read_tables
@@ -17,6 +17,7 @@ from modlhmp.settings import check, unknown
 from modlhmp.storage import DataError
 from modlhmp.study import lacks
 from modlhmp.study.settings import RunSettings
+from modlhmp.yaml_file import dates_as_text
 
 FORMS_OF_TABLES = [form.name for form in FORMS if form.read is not None]  # a histogram needs more to be said
 MOST_NAME_BYTES = 200  # of a recording: file systems allow 255, and results have suffixes
@@ -37,7 +38,7 @@ def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
 
     `folders` are those that dataset files lie in.
     """
-    run = check(RunSettings, dict(config), "configuration")
+    run = check(RunSettings, dates_as_text(dict(config)), "configuration")
     if not re.fullmatch("[A-Za-z0-9_-]+", run.run):
         raise DataError(f"configuration, run: {run.run!r}: a name of letters, digits, _ and - only")
     studies = run.studies
@@ -212,6 +213,8 @@ def load_datasets(
     _check_files(run, data_root)
     if run.strict:
         found = {name: dataclasses.replace(dataset, strict=True) for name, dataset in found.items()}
+    if run.test_days:
+        found = {name: tested_between(dataset, *run.test_days) for name, dataset in found.items()}
     if run.evaluate_on == "validation":
         found = {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":

@@ -8,7 +8,7 @@ import pandas as pd
 from modlhmp.scoring.errors import seed_mean
 from modlhmp.scoring.protocols import PROTOCOLS
 from modlhmp.scoring.ttests import mean_test, paired_test
-from modlhmp.study.comparisons import clusters, main_errors, side_by_side
+from modlhmp.study.comparisons import clusters, main_errors, side_by_side, sides
 from modlhmp.study.summary import ErrorsByOutput
 
 SCORES = (
@@ -42,6 +42,7 @@ def scores(
                 test, eligible = mean_test(ade, cluster), one.eligible_steps >= steps[column]
                 mean = (test.mean, test.low, test.high, float(seed_mean(fde)))
                 table.append((dataset, protocol, horizon, method, *mean, test.n, eligible.sum()))
+            del one
     return pd.DataFrame(table, columns=SCORES)
 
 
@@ -59,10 +60,9 @@ def differences(
     """
     table = []
     for protocol in PROTOCOLS:
-        for method, against in dict.fromkeys(pairs):
+        for method, against, one, other in sides(errors, dict.fromkeys(pairs), protocol):
             for metric in ("ade", "fde"):
-                sides = main_errors(errors[method], protocol), main_errors(errors[against], protocol)
-                both = side_by_side(*sides, metric, days)
+                both = side_by_side(one, other, metric, days)
                 for column, horizon in enumerate(horizons):
                     ours, theirs = both.ours[:, :, column], both.theirs[:, :, column]
                     test = paired_test(ours, theirs, both.cluster)
@@ -70,4 +70,5 @@ def differences(
                     unknown = int((both.unknown & np.isfinite(ours).any(axis=0)).sum())
                     numbers = (test.n, test.mean, test.low, test.high, share, unknown)
                     table.append((dataset, protocol, horizon, metric, method, against, *numbers))
+            del one, other  # before the next pair is read
     return pd.DataFrame(table, columns=DIFFERENCES)

@@ -174,6 +174,9 @@ class RunSettings:
         "read; `folds`: the test recordings by turns, days or blocks of time, forecast from all else but what was "
         "recorded within ten minutes of them",
     )
+    test_days: Annotated[tuple[str, ...], MinLen(2), MaxLen(2)] | None = option(
+        None, "the first and the last day whose test recordings are forecast, such as [2012-10-28, 2012-11-04]"
+    )
     strict: bool = option(False, "whether what checks of the recordings only warn of stops the run as well")
     compare: Annotated[tuple[str, ...], MinLen(1)] = option(meaning="methods to run, in the order of the tables")
     methods: dict[str, MethodEntry] = option(

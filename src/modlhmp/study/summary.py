@@ -1,14 +1,15 @@
 """From errors per track to the numbers of a table: `results.csv` in long form."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
-from modlhmp.scoring.errors import nan_mean, seed_mean
-from modlhmp.storage import column, open_parquet, read_parquet, read_pieces
+from modlhmp.scoring.errors import nan_mean
+from modlhmp.storage import column, open_parquet, read_batches, read_pieces
 
 COLUMNS = (
     "dataset", "method", "output", "protocol", "horizon_s", "ade_m", "fde_m",
@@ -46,84 +47,168 @@ class Errors(NamedTuple):
         return nan_mean(getattr(self, metric), axis=0)
 
 
-ErrorsByOutput = dict[tuple[str, str], Errors]  # of one method, by (output, protocol)
+class StoredErrors(Mapping[tuple[str, str], Errors]):
+    """A file of errors by (output, protocol), read when they are asked for: none are held, and one may be too large.
+
+    `parts` gives one recording after the other, so that what can be gathered by recording needs no more memory than
+    that takes. Only time steps in `steps` are read.
+    """
+
+    def __init__(self, path: str | Path, steps: slice | Sequence[int] = slice(None)) -> None:
+        self.path, self.steps = path, steps
+        self._groups: dict[str, dict[int, None]] = {}  # the row groups that a recording stands in, in order
+        self._seeds: dict[tuple[str, str], set[int]] = {}
+        self._recordings: dict[tuple[str, str], set[str]] = {}
+        for number, piece in enumerate(read_pieces(path, ["recording", "output", "protocol", "seed"])):
+            for recording, output, protocol, seed in piece.to_pandas().drop_duplicates().itertuples(index=False):
+                self._groups.setdefault(recording, {})[number] = None
+                self._seeds.setdefault((output, protocol), set()).add(seed)
+                self._recordings.setdefault((output, protocol), set()).add(recording)
+
+    def __iter__(self) -> Iterator[tuple[str, str]]:
+        return iter(self._seeds)
+
+    def __len__(self) -> int:
+        return len(self._seeds)
+
+    def __getitem__(self, key: tuple[str, str]) -> Errors:
+        return joined(list(self.parts(key)))
+
+    def parts(self, key: tuple[str, str]) -> Iterator[Errors]:
+        """Errors of one recording after the other, in the order of their keys."""
+        file, seeds = open_parquet(self.path), np.array(sorted(self._seeds[key]))
+        names = file.schema_arrow.names
+        metrics, width = [name for name in METRICS if name in names], file.schema_arrow.field("ade").type.list_size
+        about = [name for name in names if name not in metrics]
+        for recording in sorted(self._recordings[key], key=lambda name: f"{name}/"):
+            groups = list(self._groups[recording])
+            rows = pa.concat_tables(read_batches(self.path, file, groups, about)).to_pandas()
+            is_of = zip(("recording", "output", "protocol"), (recording, *key), strict=True)
+            mine = np.logical_and.reduce([rows[name] == value for name, value in is_of])
+            values = {}
+            for name in metrics:  # one after the other: they are nearly all that the file holds
+                chosen, start = [], 0
+                for batch in read_batches(self.path, file, groups, [name]):
+                    mask = mine[start : start + len(batch)]
+                    chosen.append(column(batch, name).reshape(-1, width)[mask][:, self.steps])
+                    start += len(batch)
+                values[name] = np.concatenate(chosen)
+            yield _errors(rows[mine], values, seeds, np.arange(1, width + 1)[self.steps])
 
 
-def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) -> ErrorsByOutput:
+ErrorsByOutput = Mapping[tuple[str, str], Errors]  # of one method, by (output, protocol)
+
+
+def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) -> StoredErrors:
     """An errors file as {(output, protocol): `Errors`}, of all time steps or those that are chosen."""
-    schema = open_parquet(path).schema_arrow
-    metrics = [name for name in METRICS if name in schema.names]
-    rows = read_parquet(path, [name for name in schema.names if name not in metrics]).to_pandas()
-    width = schema.field("ade").type.list_size
-    step = np.arange(1, width + 1)[steps]
-    found, place = {}, np.empty((2, len(rows)), np.int64)  # seed and track of every row
-    for key, group in rows.groupby(["output", "protocol"], observed=True):
-        of = group["recording"].astype(str) + "/"
-        names = of + group["track_id"].astype(str)
-        if "t0" in group:
-            names += "@" + group["t0"].astype(str)
-        keys, first, track = np.unique(names, return_index=True, return_inverse=True)
-        person = of + group["person" if "person" in group else "track_id"].astype(str)
-        seeds, seed = np.unique(group["seed"], return_inverse=True)
-        place[:, group.index] = seed, track
-        arrays: dict[str, np.ndarray] = {
-            name: np.full((len(seeds), len(keys), len(step)), np.nan, np.float32) for name in metrics
-        }
-        eligible = np.zeros(len(keys), np.int64)
-        eligible[track] = group["eligible_steps"]
-        unknown = np.zeros(len(keys), bool)
-        np.logical_or.at(unknown, track, group["alive_steps"] == 0)
-        if "infeasible" in arrays:
-            since = np.zeros(len(keys), np.int64)
-            since[track] = group["truth_infeasible_from"]
-            arrays["truth_infeasible"] = (since[:, None] > 0) & (step >= since[:, None])
-        whose = person.to_numpy(str)[first]
-        found[key] = Errors(keys, eligible_steps=eligible, unknown=unknown, person=whose, **arrays)
-    begin = 0
-    for piece in read_pieces(path, metrics):
-        of = rows.iloc[begin : begin + len(piece)].groupby(["output", "protocol"], observed=True).indices
-        for name in metrics:
-            values = column(piece, name).reshape(-1, width)[:, steps]
-            for key, mine in of.items():
-                getattr(found[key], name)[tuple(place[:, begin + mine])] = values[mine]
-        begin += len(piece)
-    return found
+    return StoredErrors(path, steps)
+
+
+def _errors(rows, values, seeds, steps):
+    """`Errors` [seeds, tracks, T] of the rows of one recording, output and protocol, with their values [rows, T]."""
+    of = rows["recording"].astype(str) + "/"
+    names = of + rows["track_id"].astype(str)
+    if "t0" in rows:
+        names += "@" + rows["t0"].astype(str)
+    keys, first, track = np.unique(names, return_index=True, return_inverse=True)
+    whose = of + rows["person" if "person" in rows else "track_id"].astype(str)
+    arrays = {name: np.full((len(seeds), len(keys), len(steps)), np.nan, np.float32) for name in values}
+    for name, array in arrays.items():
+        array[np.searchsorted(seeds, rows["seed"]), track] = values[name]
+    eligible, unknown = np.zeros(len(keys), np.int64), np.zeros(len(keys), bool)
+    eligible[track] = rows["eligible_steps"]
+    np.logical_or.at(unknown, track, rows["alive_steps"] == 0)
+    if "infeasible" in arrays:
+        since = np.zeros(len(keys), np.int64)
+        since[track] = rows["truth_infeasible_from"]
+        arrays["truth_infeasible"] = (since[:, None] > 0) & (steps >= since[:, None])
+    return Errors(keys, eligible_steps=eligible, unknown=unknown, person=whose.to_numpy(str)[first], **arrays)
+
+
+def joined(parts: Sequence[Errors]) -> Errors:
+    """Errors of several recordings or folds as one; tracks are axis 0 of what has no seeds, else axis 1."""
+    fields: dict[str, Any] = {}
+    for name in Errors._fields:
+        values = [getattr(part, name) for part in parts]
+        axis = 1 if name in METRICS else 0
+        fields[name] = None if any(value is None for value in values) else np.concatenate(values, axis=axis)
+    return Errors(**fields)
+
+
+class _Mean:
+    """Mean over tracks of every seed and step, of parts as they come: to the last bit that of all in one array."""
+
+    def __init__(self) -> None:
+        self.total: Any = 0.0
+        self.n: Any = 0
+
+    def add(self, values):
+        """Values [seeds, tracks, T]; NaN do not count."""
+        finite = np.isfinite(values)
+        first = np.broadcast_to(self.total, (len(values), values.shape[2]))[:, None]
+        self.total = np.concatenate([first, np.where(finite, values, 0)], axis=1).sum(axis=1, dtype=np.float64)
+        self.n = self.n + finite.sum(axis=1)
+
+    @property
+    def by_seed(self):
+        return np.where(self.n > 0, self.total / np.maximum(self.n, 1), np.nan)
+
+    @property
+    def mean(self):
+        """`errors.seed_mean`."""
+        return nan_mean(self.by_seed, axis=0)
 
 
 def summarise(dataset: str, method: str, errors: ErrorsByOutput, step_s: float) -> pd.DataFrame:
     """Rows of `results.csv` for one method: one per output, protocol and horizon.
 
-    `errors` as from `read_errors`. `ade_m`, `fde_m`: mean of the seeds' own means over the tracks that each scored,
-    `n` (mean over seeds) of `eligible`; `ade_seed_sd_m` their SD, `ade_sd_m` that over tracks. `all_*`: over the tracks
-    that all seeds scored. `own_*`: every track counts at its own length, or at the horizon if it is longer.
-    `infeasible`, `truth_infeasible`: share of the scored forecasts, and of the same tracks' true paths, that have been
-    inside a wall; NaN without a floor plan.
+    `errors` as from `read_errors`; of a file no more than a recording is held, and of all tracks their means over the
+    seeds. `ade_m`, `fde_m`: mean of the seeds' own means over the tracks that each scored, `n` (mean over seeds) of
+    `eligible`; `ade_seed_sd_m` their SD, `ade_sd_m` that over tracks. `all_*`: over the tracks that all seeds scored.
+    `own_*`: every track counts at its own length, or at the horizon if it is longer. `infeasible`, `truth_infeasible`:
+    share of the scored forecasts, and of the same tracks' true paths, that have been inside a wall; NaN without a floor
+    plan.
     """
     rows = []
-    for (output, protocol), one in sorted(errors.items()):
-        both = (one.ade, one.fde)
-        means, spread = [seed_mean(each) for each in both], [one.by_track("ade"), one.by_track("fde")]
-        n, seed_means = np.isfinite(one.ade).sum(axis=1).mean(axis=0), nan_mean(one.ade, axis=1)
-        by_all = np.isfinite(one.ade).all(axis=0)
-        common = [seed_mean(np.where(by_all, each, np.nan)) for each in both]
-        own = [at_own_length(each, one.eligible_steps) for each in (*both, np.isfinite(one.ade).astype(float))]
-        own_means, own_n = [seed_mean(each) for each in own[:2]], np.nansum(own[2], axis=1).mean(axis=0)
-        entered = truth_entered = np.full(one.ade.shape[2], np.nan)
-        if one.infeasible is not None and one.truth_infeasible is not None:
-            entered = seed_mean(one.infeasible)
-            truth_entered = seed_mean(np.where(np.isfinite(one.ade), one.truth_infeasible, np.nan))
-        for step in range(one.ade.shape[2]):
-            rows.append((
-                dataset, method, output, protocol, (step + 1) * step_s, *(float(each[step]) for each in means),
-                *(sample_sd(each[:, step]) for each in spread), sample_sd(seed_means[:, step]), n[step],
-                int((one.eligible_steps > step).sum()), len(one.ade),
-                *(float(each[step]) for each in common), int(by_all[:, step].sum()),
-                *(float(each[step]) for each in own_means), float(own_n[step]), entered[step], truth_entered[step],
-            ))  # fmt: skip
+    for key in sorted(errors):
+        parts = errors.parts(key) if isinstance(errors, StoredErrors) else iter([errors[key]])
+        rows += [(dataset, method, *key, (step + 1) * step_s, *one) for step, one in enumerate(_summary(parts))]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def at_horizons(path: str | Path, horizons_s: Sequence[float], step_s: float) -> ErrorsByOutput:
+def _summary(parts):
+    """For each step a row's numbers from `ade_m` on, of the `Errors` of one output and protocol in parts."""
+    means = {name: _Mean() for name in ("ade", "fde", "all_ade", "all_fde", "own_ade", "own_fde", "walls", "truth")}
+    tracks, eligible, by_all = [], np.zeros((), int), np.zeros((), int)
+    for one in parts:
+        scored = np.isfinite(one.ade)
+        by_everyone = scored.all(axis=0)
+        for name, values in (("ade", one.ade), ("fde", one.fde)):
+            means[name].add(values)
+            means[f"all_{name}"].add(np.where(by_everyone, values, np.nan))
+            means[f"own_{name}"].add(at_own_length(values, one.eligible_steps))
+        walls, truth = one.infeasible, one.truth_infeasible
+        unknown = np.full(one.ade.shape, np.nan, np.float32)
+        means["walls"].add(unknown if walls is None else walls)
+        means["truth"].add(unknown if truth is None else np.where(scored, truth, np.nan))
+        tracks.append((one.by_track("ade"), one.by_track("fde")))
+        steps = np.arange(one.ade.shape[2])
+        eligible = eligible + (one.eligible_steps[:, None] > steps).sum(axis=0)
+        by_all = by_all + by_everyone.sum(axis=0)
+    ade, own = means["ade"], means["own_ade"]
+    found = {name: one.mean for name, one in means.items()}
+    n, own_n = ade.n.mean(axis=0), own.n.mean(axis=0)
+    for step in steps:
+        spread = [sample_sd(np.concatenate([part[metric][:, step] for part in tracks])) for metric in (0, 1)]
+        yield (
+            float(found["ade"][step]), float(found["fde"][step]), *spread, sample_sd(ade.by_seed[:, step]), n[step],
+            int(eligible[step]), len(ade.n), float(found["all_ade"][step]), float(found["all_fde"][step]),
+            int(by_all[step]), float(found["own_ade"][step]), float(found["own_fde"][step]), float(own_n[step]),
+            found["walls"][step], found["truth"][step],
+        )  # fmt: skip
+
+
+def at_horizons(path: str | Path, horizons_s: Sequence[float], step_s: float) -> StoredErrors:
     """An errors file at these horizons only: what comparisons of methods need."""
     return read_errors(path, [round(horizon / step_s) - 1 for horizon in horizons_s])
 

@@ -23,6 +23,16 @@ def code_version(script: str | Path, *modules: str) -> str:
     return digest.hexdigest()[:12]
 
 
+def project_version(root: str | Path) -> str:
+    """Hash of all code of this package and of the workflow under `root`: of what any run may depend on."""
+    digest = hashlib.sha256()
+    for file in sorted(
+        [*PACKAGE.rglob("*.py"), *Path(root, "workflow").rglob("*.py"), *Path(root, "workflow").rglob("*.smk")]
+    ):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
 def modules_of(script: str | Path, *modules: str) -> set[str]:
     """Names of `modules` and of those that a script imports, and that they import; others' libraries are left out.
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 
-import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
@@ -10,7 +9,7 @@ from modlhmp.study.exhibits.ladder_table import difference_cell, errors_cell, ro
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.ladder import differences, scores
 from modlhmp.study.layout import Layout
-from modlhmp.study.summary import Errors, ErrorsByOutput, at_horizons
+from modlhmp.study.summary import ErrorsByOutput, at_horizons, joined
 
 NOTE = (
     "Errors are ADE / FDE in m, the mean of the seeds' means over the tracks of all folds, complete protocol; then, on "
@@ -55,17 +54,7 @@ def draw(
 def pooled(folds: Iterable[ErrorsByOutput]) -> ErrorsByOutput:
     """The errors of all folds as those of one dataset: their tracks one after the other."""
     listed = list(folds)
-    return {key: _joined([one[key] for one in listed if key in one]) for key in listed[0]}
-
-
-def _joined(parts: Sequence[Errors]) -> Errors:
-    """Errors of one output and protocol; tracks are axis 0 of what has no seeds, else axis 1."""
-    fields = {}
-    for name in Errors._fields:
-        values = [getattr(part, name) for part in parts]
-        axis = 1 if name in ("ade", "fde", "infeasible") else 0
-        fields[name] = None if any(value is None for value in values) else np.concatenate(values, axis=axis)
-    return Errors(**fields)
+    return {key: joined([one[key] for one in listed if key in one]) for key in listed[0]}
 
 
 def _rows(title, errors, horizons, steps, days, methods, reference):
