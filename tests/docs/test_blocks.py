@@ -65,6 +65,12 @@ def test_the_other_tests_are_there(name):
     assert name in (ROOT / ELSEWHERE[name]).read_text()
 
 
+@pytest.fixture(autouse=True)
+def no_recordings(monkeypatch):
+    """Pages speak to somebody whose recordings lie where the page says."""
+    monkeypatch.delenv("MODLHMP_DATA", raising=False)
+
+
 # --- what runs ------------------------------------------------------------------------------------------------------
 
 
