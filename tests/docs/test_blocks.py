@@ -60,6 +60,13 @@ def test_data_in_the_pages_is_well_formed(name):
             assert {"yaml": yaml.safe_load, "json": json.loads, "toml": tomllib.loads}[kind](code)
 
 
+@pytest.mark.parametrize("name", PAGES)
+def test_commands_are_blocks(name):
+    """In a paragraph their dashes and line ends are lost."""
+    prose = [one.content for one in MarkdownIt().parse(PAGES[name]) if one.type == "inline"]
+    assert not [text for text in prose if re.search(r" --\w", re.sub(r"`[^`]*`", "", text))]
+
+
 @pytest.mark.parametrize("name", ELSEWHERE)
 def test_the_other_tests_are_there(name):
     assert name in (ROOT / ELSEWHERE[name]).read_text()
