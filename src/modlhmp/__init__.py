@@ -9,6 +9,8 @@ Names are loaded when they are first used. Data flow one way: readers -> cleanin
 networks -> study; imports follow them.
 """
 
+from modlhmp.version import __version__ as __version__
+
 TYPE_CHECKING = False  # for checkers of types; `typing` itself is not needed here
 if TYPE_CHECKING:
     from modlhmp.api import Map, build_map, forecast, load_map, read_tracks, score
@@ -19,8 +21,6 @@ if TYPE_CHECKING:
     from modlhmp.site import Site
     from modlhmp.storage import DataError
     from modlhmp.tracks import Tracks
-
-__version__ = "1.0.0"  # the one place; the package, its outputs and its pages take it from here
 
 _HOMES = {
     "read_tracks": "modlhmp.api",

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from modlhmp import __version__
 from modlhmp.floor_plan import OCCUPIED, load_floor_plan
 from modlhmp.storage import DataError, atomic_path, column
+from modlhmp.version import __version__
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from modlhmp import __version__
 from modlhmp.arguments import path_of
 from modlhmp.forecasting.occupancy import Occupancy
 from modlhmp.forecasting.ranking import best_path
 from modlhmp.futures import Futures
 from modlhmp.storage import DataError, atomic_path, put_in_place, temporary_name, write_text
+from modlhmp.version import __version__
 
 OCCUPANCY, PATH = "/modlhmp/occupancy", "/modlhmp/path/person_{}"  # topics
 LATEST_S = 2.0**31  # a message's seconds have 32 bits

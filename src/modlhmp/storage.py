@@ -23,7 +23,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from modlhmp import __version__
+from modlhmp.version import __version__
 
 _PROVENANCE = b"modlhmp"
 SEAL, _UNSEALED = b"modlhmp.seal", b"0" * 64

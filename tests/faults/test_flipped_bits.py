@@ -18,6 +18,7 @@ from modlhmp.networks.training import load_checkpoint, save_checkpoint
 from modlhmp.networks.weights import read_weights, write_weights
 from modlhmp.origins import provenance
 from modlhmp.storage import (
+    VERSION,
     DataError,
     read_json,
     read_metadata,
@@ -43,7 +44,7 @@ def written(tmp_path_factory):
 def test_what_is_written_is_read(written, tmp_path):
     (tmp_path / "a.parquet").write_bytes(written)
     assert read_parquet(tmp_path / "a.parquet").equals(TABLE)
-    assert read_metadata(tmp_path / "a.parquet") == {"dataset": "hall", "seed": 3}
+    assert read_metadata(tmp_path / "a.parquet") == {VERSION: modlhmp.__version__, "dataset": "hall", "seed": 3}
 
 
 def test_every_flipped_bit_is_an_error_that_names_the_file(written, tmp_path):

@@ -71,7 +71,7 @@ def package(tmp_path):
 def small(tmp_path):
     """A folder with a small package of this one's name, of which two kernels (and a constant) build on each other."""
     write(tmp_path / "small", SMALL)
-    for name in ("__init__.py", "kernels.py"):
+    for name in ("__init__.py", "kernels.py", "version.py"):
         shutil.copy(PACKAGE / name, tmp_path / "small/modlhmp" / name)
     return tmp_path / "small"
 

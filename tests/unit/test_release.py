@@ -26,7 +26,7 @@ def test_the_version_stands_in_one_place():
     """pyproject.toml asks the package; the citation and the changelog speak of the same."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     assert "version" not in project["project"] and "version" in project["project"]["dynamic"]
-    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "modlhmp.__version__"}
+    assert project["tool"]["setuptools"]["dynamic"]["version"] == {"attr": "modlhmp.version.__version__"}
     assert loaded("CITATION.cff")["version"] == VERSION
     versions = re.findall(r"^## (.+)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
     assert VERSION in versions and set(versions) - {"Unreleased"} <= {one for one in versions if re.match(r"\d", one)}

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from planted import days_of_the_archive
 
 from modlhmp.methods import Method
 from modlhmp.options import ConstantVelocity, Episodes, Learning, NeuralMap, RollOut, Snippets, Tutr
@@ -63,6 +64,8 @@ def shipped(config_folder):
     found = {"config.yaml": of_files(*base)}
     for file in sorted({*config_folder.glob("*.yaml"), *config_folder.glob("lab/*.yaml")} - set(base)):
         real = [config_folder / "real.yaml"] if file.parent.name == "lab" else []
+        if file.stem == "likelihood_edinburgh":
+            real.append(file.with_name("likelihood.yaml"))
         found[file.name] = of_files(*base, *real, file)
     return found
 
@@ -87,6 +90,7 @@ def test_the_datasets_of_every_shipped_configuration_fit_it(shipped, tmp_path):
             file.parent.mkdir(exist_ok=True)
             rows = [f"{x},0,{5.5 if x % 2 else 4.2},1.1,0.1,0,0,0.1,1,1,0.5" for x in range(9)]
             file.write_text("\n".join(rows) + "\n", encoding="utf-8")
+        days_of_the_archive(tmp_path)
         found = load_datasets(run, DATASETS, tmp_path, "demo")
         if run.evaluate_on == "folds":
             assert list(found) == [f"{name}-{fold}" for name in run.datasets for fold in range(1, FOLDS + 1)]

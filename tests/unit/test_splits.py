@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from planted import days_of_the_archive
 from test_cleaning import track
 
 from modlhmp.cleaning import clean_recording
@@ -96,6 +97,7 @@ def test_no_day_and_no_file_of_a_shipped_dataset_trains_and_tests(config_folder,
     """But where its file says by which moment, or by whom, it is divided."""
     files = sorted((config_folder / "datasets").glob("*.yaml"))
     assert len(files) > 12
+    days_of_the_archive(tmp_path)
     shared = {}
     for file in files:
         recordings = load_shipped(file.stem, tmp_path).recordings

@@ -35,6 +35,9 @@ ALLOWED = {
     ("src/modlhmp/study/publish.py", "subprocess.run"): 2,
     ("src/modlhmp/study/certificate.py", "subprocess.run"): 1,
     ("workflow/scripts/measure_runtime.py", "subprocess.run"): 1,
+    # A site's Snakemake, and Slurm's own programs: lists of arguments, too.
+    ("workflow/scripts/run_site.py", "subprocess.run"): 1,
+    ("src/modlhmp/study/queue_errors.py", "subprocess.run"): 2,
     # http and https only: `datasets` refuses other addresses.
     ("src/modlhmp/study/fetch.py", "urlopen"): 1,
 }

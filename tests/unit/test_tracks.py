@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from modlhmp.ids import id_of
-from modlhmp.storage import DataError, read_metadata, write_parquet
+from modlhmp.storage import VERSION, DataError, read_metadata, write_parquet
 from modlhmp.tracks import (
     COLUMNS,
     Tracks,
@@ -23,6 +23,7 @@ from modlhmp.tracks import (
     together,
     write_tracks,
 )
+from modlhmp.version import __version__
 
 
 def some_tracks(ids, seed=0):
@@ -127,7 +128,8 @@ def test_parquet_round_trip_with_provenance(tmp_path):
     for name, before, after in zip(COLUMNS, tracks, again, strict=True):
         np.testing.assert_array_equal(before, after, err_msg=name)
         assert after.dtype == COLUMNS[name]
-    assert read_metadata(path) == {"dataset": "hall", "sources": {"day.csv": "ab12"}, "seed": None}
+    written = {"dataset": "hall", "sources": {"day.csv": "ab12"}, "seed": None}
+    assert read_metadata(path) == {VERSION: __version__, **written}
     assert [file.name for file in path.parent.iterdir()] == ["day.parquet"], "a temporary file was left"
 
 

@@ -2,12 +2,12 @@
 
 import pandas as pd
 
-from modlhmp import __version__
 from modlhmp.logs import job_log, progress
 from modlhmp.storage import write_text
 from modlhmp.study.csv_cells import csv_text
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import read_errors, summarise
+from modlhmp.version import __version__
 
 with job_log(snakemake.log[0]) as log:
     params = snakemake.params

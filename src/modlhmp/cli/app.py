@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from modlhmp import __version__
+from modlhmp.version import __version__
 
 app = typer.Typer(  # without rich, whose help writes `<bool>` beside every flag
     help="Maps of dynamics and long-term human motion prediction.", no_args_is_help=True, rich_markup_mode=None

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from modlhmp import __version__
 from modlhmp.exchange.columns import write_columns
 from modlhmp.exchange.tracks import tracks_table
 from modlhmp.exchange.trajnet import scene_line, track_lines, tracks_as_lines, write_lines
@@ -26,6 +25,7 @@ from modlhmp.settings import as_plain
 from modlhmp.site import Site
 from modlhmp.storage import VERSION, DataError, write_text
 from modlhmp.tracks import Tracks, together
+from modlhmp.version import __version__
 
 FORMS = ("csv", "parquet", "ndjson")
 STEPS_PER_UNIT = 1e6  # hashed are whole micrometres and microseconds, so that a last bit decides nothing

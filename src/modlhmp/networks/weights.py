@@ -9,8 +9,8 @@ import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 
-from modlhmp import __version__
 from modlhmp.storage import VERSION, DataError, atomic_path, read_sealed, sealed, unsealed
+from modlhmp.version import __version__
 
 
 def write_weights(path: str | Path, weights: Mapping[str, torch.Tensor], settings: Mapping[str, Any]) -> None:

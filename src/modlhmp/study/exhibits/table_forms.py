@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from modlhmp import __version__
 from modlhmp.storage import DataError, write_text
 from modlhmp.study.csv_cells import csv_text
+from modlhmp.version import __version__
 
 _BEGIN, _END = "<main>", "</main>"  # of what a table's HTML form holds beside its heading
 DEMO_NOTE = "Demo data (made-up people): not comparable with the paper."

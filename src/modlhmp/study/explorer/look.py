@@ -5,7 +5,7 @@ import hashlib
 import html
 from pathlib import Path
 
-from modlhmp import __version__
+from modlhmp.version import __version__
 
 ASSETS = Path(__file__).parent / "assets"
 SCRIPTS = ("data", "view", "layers", "place", "people", "errors", "state", "app", "controls")

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from modlhmp import __version__
 from modlhmp.datasets import Dataset
 from modlhmp.floor_plan import load_floor_plan, moved
 from modlhmp.pictures import ORIENTATION_COLOURS
@@ -18,6 +17,7 @@ from modlhmp.study.explorer.pack import FORM, Digits, packed
 from modlhmp.study.explorer.people import people
 from modlhmp.study.explorer.places import CELL_M, LEAST_PEOPLE, places, read_crowd
 from modlhmp.study.layout import Layout
+from modlhmp.version import __version__
 
 PLAN_PIXELS = 400  # of a floor plan's shorter side, at least
 SHOWN_AT_FIRST = 3  # methods, beside the run's first and constant velocity

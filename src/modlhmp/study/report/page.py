@@ -8,7 +8,6 @@ import pandas as pd
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from modlhmp import __version__
 from modlhmp.datasets import Dataset
 from modlhmp.storage import write_text
 from modlhmp.study.exhibits.table_forms import tables_of
@@ -17,6 +16,7 @@ from modlhmp.study.report import facts
 from modlhmp.study.report.look import ASSETS
 from modlhmp.study.report.pictures import inline
 from modlhmp.study.report.rule_graph import RuleGraph, grouped, picture
+from modlhmp.version import __version__
 
 MANY = {"figure": "figures", "table": "tables", "page": "pages"}
 
