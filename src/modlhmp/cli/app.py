@@ -1,5 +1,6 @@
 """The program `modlhmp` and its version; each verb stands in a module beside this one."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,6 +16,16 @@ def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"modlhmp {__version__}")
         raise typer.Exit
+
+
+DataRoot = Annotated[  # of every verb that takes a dataset file; its default is `DATA_ROOT`
+    Path,
+    typer.Option(
+        "--data-root", metavar="FOLDER", envvar="MODLHMP_DATA", help="Folder of a dataset file's recordings.",
+        callback=Path.expanduser,
+    ),
+]  # fmt: skip
+DATA_ROOT = Path("data")
 
 
 @app.callback()

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from modlhmp.cli.app import app
+from modlhmp.cli.app import DATA_ROOT, DataRoot, app
 from modlhmp.cli.inputs import STREAM, map_or_kind, read_walkers
 from modlhmp.storage import DataError
 
@@ -29,6 +29,7 @@ def forecast(
         float | None,
         typer.Option(metavar="SECONDS", help="Forecast who is there at this time, from rows up to it [default: all]"),
     ] = None,
+    data_root: DataRoot = DATA_ROOT,
     best: Annotated[bool, typer.Option("--best", help="One path for each person instead of the samples.")] = False,
     seed: Annotated[int, typer.Option(metavar="NUMBER", help="Of the samples.")] = 0,
     option: Annotated[
@@ -58,7 +59,7 @@ def forecast(
         raise DataError(f"--out {out}: the name must end in .csv, .parquet or .ndjson")
     source = map_or_kind(by)
     site = modlhmp.Site() if isinstance(source, str) else source.site
-    walkers, owners = read_walkers(tracks, site.time_step_s)
+    walkers, owners = read_walkers(tracks, site.time_step_s, data_root)
     seen = _seen(walkers, at, site.observed_rows, tracks)
     _check_ids(owners, seen, tracks, out)
     _tell_of_speeds(source, seen, tracks)

@@ -1,7 +1,6 @@
 """What verbs read and write: tracks in any form that is beyond doubt, streams, tables."""
 
 import contextlib
-import os
 import shutil
 import sys
 import tempfile
@@ -24,18 +23,19 @@ STREAM = "-"
 STEPS_APART = (0.8, 1.25)  # of rows that need no resampling, in time steps
 
 
-def read_walkers(path: str, time_step_s: float) -> tuple[Tracks, dict[int, str]]:
+def read_walkers(path: str, time_step_s: float, data_root: Path) -> tuple[Tracks, dict[int, str]]:
     """Tracks of a file by the `time_step_s`, and the owner's ids that are no plain numbers.
 
     A table with columns track_id, t, x, y (`exchange.tracks`) is taken as it is where its rows are a time step apart,
-    as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), and any
-    other file whose form can be guessed without doubt; `DataError` says what is in doubt. "-" is standard input.
+    as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), which lie
+    under `data_root`, and any other file whose form can be guessed without doubt; `DataError` says what is in doubt.
+    "-" is standard input.
     """
     with file_of(path) as (file, shown):
-        if file.suffix in {".yaml", ".yml"}:
+        if is_dataset(path):
             from modlhmp.api import read_tracks  # noqa: PLC0415 - the rest of the library
 
-            return read_tracks(file, data_root=os.environ.get("MODLHMP_DATA")), {}
+            return read_tracks(file, data_root=data_root), {}
         try:
             if file.suffix == ".parquet" or set(NEEDED) <= set(_header(file)):
                 tracks, names = read_tracks_table(file)
@@ -46,6 +46,11 @@ def read_walkers(path: str, time_step_s: float) -> tuple[Tracks, dict[int, str]]
         except DataError as error:
             raise DataError(str(error).replace(str(file), shown)) from None
         return tracks, owner_texts(account.get("owners", {}))
+
+
+def is_dataset(path: str) -> bool:
+    """Whether a file is a dataset file, by its name."""
+    return Path(path).suffix in {".yaml", ".yml"}
 
 
 def map_or_kind(by: str) -> Map | str:

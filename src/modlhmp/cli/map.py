@@ -1,7 +1,6 @@
 """`modlhmp map`: build, look at, draw, convert and compare maps of dynamics."""
 
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +10,7 @@ import pyarrow as pa
 import typer
 
 from modlhmp import api, pictures
-from modlhmp.cli.app import app
+from modlhmp.cli.app import DATA_ROOT, DataRoot, app
 from modlhmp.exchange import maps as exchange
 from modlhmp.exchange.forms import BY_NAME, FORMS, find_form, recognise
 from modlhmp.exchange.parquet import PARQUET
@@ -56,9 +55,7 @@ def build(
         Path, typer.Option("--out", metavar="PATH", help="Where the map goes: a file, or a folder for a kind by hours.")
     ],
     options: SetOption = None,
-    data_root: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder of the recordings [default: MODLHMP_DATA, or data]")
-    ] = None,
+    data_root: DataRoot = DATA_ROOT,
     timezone: TimezoneOption = "UTC",
 ) -> None:
     """Build a map from tracks: of a dataset file, the training recordings.
@@ -74,9 +71,8 @@ def build(
         from modlhmp.datasets import load_dataset  # noqa: PLC0415
         from modlhmp.settings import as_plain  # noqa: PLC0415
 
-        root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
-        site = site_from(as_plain(load_dataset(tracks, root)), str(tracks))
-        walked = api.read_tracks(tracks, data_root=root, split="train")
+        site = site_from(as_plain(load_dataset(tracks, data_root)), str(tracks))
+        walked = api.read_tracks(tracks, data_root=data_root, split="train")
     elif tracks.suffix == ".parquet":
         from modlhmp.tracks import usual_step  # noqa: PLC0415
 
