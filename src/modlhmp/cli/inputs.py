@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from modlhmp.api import Map, load_map
-from modlhmp.cleaning import clean_recording
+from modlhmp.cleaning import clean_recording, tell_of_faults
 from modlhmp.exchange.tracks import NEEDED, RECORDED, read_tracks_table
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.kinds import all_kinds
@@ -45,6 +45,7 @@ def read_walkers(path: str, time_step_s: float, data_root: Path) -> tuple[Tracks
             tracks, account = clean_recording(file, _form_of(file, shown, time_step_s), Recording())
         except DataError as error:
             raise DataError(str(error).replace(str(file), shown)) from None
+        tell_of_faults(shown, account)
         return tracks, owner_texts(account.get("owners", {}))
 
 
