@@ -172,6 +172,9 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
     `resolution_m=0.5` (`modlhmp kinds NAME` lists them). `DataError` for a wrong kind or option, or tracks whose rows
     are not a time step apart.
     """
+    if not isinstance(kind, str):
+        given = type(kind).__name__
+        raise DataError(f"kind: {given} given; the kind comes first: build_map('cliff', tracks)")
     site, record = site_of(site), map_kind(kind)
     options: Any = check(record.building, building, f"build_map({kind!r})")  # type: ignore[arg-type]
     check_tracks("build_map", tracks, site)

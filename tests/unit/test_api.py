@@ -241,6 +241,10 @@ def test_a_map_without_its_metadata_is_refused(maps, tmp_path):
         (("cliff", PEOPLE), {"resolution": 2}, "unknown key 'resolution', did you mean 'resolution_m'"),
         (("cliff", PEOPLE), {"resolution_m": -1}, "resolution_m"),
         (("cliff", np.zeros((3, 3))), {}, "give modlhmp.Tracks"),
+        (("snippets", "monday.csv"), {}, "tracks are str; .*: read 'monday.csv' with read_tracks first"),
+        ((PEOPLE, "snippets"), {}, r"^kind: Tracks given; the kind comes first: build_map\('cliff', tracks\)$"),
+        (("CLiFF", PEOPLE), {}, "did you mean 'cliff'"),
+        (("zzz", PEOPLE), {}, "known: cliff, .*, snippets, pooled, exits; is the package"),  # no networks
         (("cliff", PEOPLE, Site(time_step_s=0.4)), {}, "a row every 1 s, the site's time_step_s is 0.4"),
         (("cliff", PEOPLE._replace(t=PEOPLE.t[::-1])), {}, "sort by track, then time"),
     ],
@@ -454,6 +458,12 @@ def test_scores_against_positions():
     np.testing.assert_allclose(scores.fde[0], [3, 4, np.nan], atol=1e-6)
     np.testing.assert_allclose(scores.ade[0], [3, 3.5, np.nan], atol=1e-6)
     assert scores.at(2) == pytest.approx({"ade_m": 3.5, "fde_m": 4.0, "n": 1, "eligible": 1}, abs=1e-6)
+
+
+@pytest.mark.parametrize("horizon_s", [0, 3.5, 99, "2"])
+def test_a_horizon_that_was_not_forecast(horizon_s):
+    scores = modlhmp.score(modlhmp.forecast("cvm", seen(PEOPLE), 8), PEOPLE)
+    refused("it was not forecast; give a multiple of 1 s up to 8 s", scores.at, horizon_s)
 
 
 def test_scores_that_cannot_be_given():

@@ -232,6 +232,7 @@ def test_a_file_whose_form_is_in_doubt(tmp_path):
         (("--option", "velo=1"), "unknown key 'velo', did you mean 'velocity'?"),
         (("--option", "velocity"), "--option 'velocity': write NAME=VALUE"),
         (("--at", 5), "--at 5: nobody in"),
+        (("--at", 5), f"its times are {CROWD.t.min():.0f} to {CROWD.t.max():.0f} s"),
         (("--seed", -1), "--seed -1: give a whole number"),
         (("--map", "stef"), "--map stef: a kind of map, not a map: build one by `modlhmp map build stef`"),
         (("--map", "hal.parquet"), "hal.parquet: no such file; give the file of a map, or its folder of hours"),

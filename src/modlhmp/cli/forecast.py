@@ -9,6 +9,7 @@ import typer
 from modlhmp.cli.app import DATA_ROOT, DataRoot, app
 from modlhmp.cli.inputs import STREAM, map_or_kind, read_walkers
 from modlhmp.storage import DataError
+from modlhmp.tracks import shown_s
 
 FORMS = (".csv", ".parquet", ".ndjson")
 
@@ -111,7 +112,7 @@ def _seen(walkers: Any, at: float | None, rows: int, file: str) -> Any:
         if not len(seen.t):
             raise DataError(
                 f"--at {at:.16g}: nobody in {file} has {rows} rows by then and is there; its times are "
-                f"{walkers.t.min():.16g} to {walkers.t.max():.16g} s"
+                f"{shown_s(walkers.t.min())} to {shown_s(walkers.t.max())} s"
             )
         return seen
     counts = np.diff(walkers.bounds())

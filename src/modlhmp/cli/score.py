@@ -10,6 +10,7 @@ import typer
 from modlhmp.cli.app import DATA_ROOT, DataRoot, app
 from modlhmp.cli.inputs import file_of, is_dataset, read_walkers
 from modlhmp.storage import DataError
+from modlhmp.tracks import shown_s
 
 
 @app.command()
@@ -125,7 +126,7 @@ def _start(truth: Any, samples: Any, place: int, shown: str, tracks: str) -> tup
     row = mine[np.abs(truth.t[mine] - samples.t0[place]).argmin()]
     if abs(truth.t[row] - samples.t0[place]) > 1e-3:
         raise DataError(
-            f"{where}: t0 {samples.t0[place]:.16g}: that track has no row then in {tracks} (the nearest is at "
-            f"{truth.t[row]:.16g}); t0 is the time of a person's last observed row"
+            f"{where}: t0 {shown_s(samples.t0[place])}: that track has no row then in {tracks} (the nearest is at "
+            f"{shown_s(truth.t[row])}); t0 is the time of a person's last observed row"
         )
     return truth.x[row], truth.y[row]
