@@ -259,6 +259,14 @@ def test_what_is_no_path(maps, path):
         refused("give a file's path", call, path)
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.txt", "a.yaml", "a.parquet"])
+def test_a_folder_is_no_recording(tmp_path, name):
+    (tmp_path / name).mkdir()
+    form = {"columns": dict(zip(("track_id", "t", "x", "y"), range(4), strict=True))}
+    form = form if name in {"a.csv", "a.txt"} else {}
+    refused(f"^{tmp_path / name}: a folder; name a file in it$", modlhmp.read_tracks, tmp_path / name, **form)
+
+
 def test_a_folder_without_a_map(tmp_path):
     refused("a folder without a map", modlhmp.load_map, tmp_path)
     refused("no such file", modlhmp.load_map, tmp_path / "nothing.parquet")

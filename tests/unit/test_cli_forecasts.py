@@ -214,6 +214,14 @@ def test_bad_tracks(tmp_path, name):
         said("forecast", "--map", "cvm", "--tracks", tmp_path / "f.csv", "--horizon", 2)
 
 
+@pytest.mark.parametrize("name", ["a", "a.csv", "a.yaml", "a.parquet"])
+def test_a_folder_is_no_file_of_tracks(tmp_path, name):
+    (tmp_path / name).mkdir()
+    (tmp_path / "f.csv").write_text("track_id,t0,step,x,y\nP3,1300000129,1,0,0\n")
+    for arguments in (("forecast", "--map", "cvm"), ("score", tmp_path / "f.csv")):
+        assert refused(*arguments, "--tracks", tmp_path / name) == f"{tmp_path / name}: a folder; name a file in it"
+
+
 def test_a_file_whose_form_is_in_doubt(tmp_path):
     """What is in doubt is said, and how to say it."""
     lines = [f"{frame} {person} {0.5 * frame + person:.2f} {0.01 * frame:.2f}" for person in range(9)

@@ -16,7 +16,7 @@ from modlhmp.exchange.tracks import NEEDED, RECORDED, read_tracks_table
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.kinds import all_kinds
 from modlhmp.settings import check
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, no_folder
 from modlhmp.tracks import Tracks, owner_ids, owner_texts, usual_step
 
 STREAM = "-"
@@ -70,6 +70,7 @@ def map_or_kind(by: str) -> Map | str:
 def file_of(path: str) -> Iterator[tuple[Path, str]]:
     """The file at a path and how messages call it; of "-" a copy of standard input, for as long as it is needed."""
     if path != STREAM:
+        no_folder(path)
         if not Path(path).is_file():
             raise DataError(f"{path}: no such file")
         yield Path(path), path
