@@ -123,6 +123,7 @@ def test_what_is_not_used_and_what_was_guessed_is_told(folder, tmp_path):
     of = pd.read_csv(folder / "walks.csv").rename(columns={"x": "px", "y": "py"})
     of.to_csv(tmp_path / "f.csv", index=False)
     said_so = told(*arguments, tmp_path / "f.csv")
+    assert "the speeds and headings" not in said_so  # those that cleaning has made are nobody's record
     assert "f.csv: read as track_id = track_id, t = t, x = px, y = py, brought to a row every 1 s" in said_so
 
 

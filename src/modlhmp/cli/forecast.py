@@ -60,10 +60,11 @@ def forecast(
         raise DataError(f"--out {out}: the name must end in .csv, .parquet or .ndjson")
     source = map_or_kind(by)
     site = modlhmp.Site() if isinstance(source, str) else source.site
-    walkers, owners = read_walkers(tracks, site.time_step_s, data_root)
+    walkers, owners, recorded = read_walkers(tracks, site.time_step_s, data_root)
     seen = _seen(walkers, at, site.observed_rows, tracks)
     _check_ids(owners, seen, tracks, out)
-    _tell_of_speeds(source, seen, tracks)
+    if recorded:
+        _tell_of_speeds(source, tracks)
     futures = modlhmp.forecast(source, seen, horizon, seed, **_options(option or [], seed))
     _tell_of_unknown(futures, tracks)
     _write(futures, owners, out, best)
@@ -132,9 +133,9 @@ def _check_ids(owners: dict[int, str], seen: Any, file: str, out: str) -> None:
         )
 
 
-def _tell_of_speeds(source: Any, seen: Any, file: str) -> None:
+def _tell_of_speeds(source: Any, file: str) -> None:
     """Say where recorded speeds are not used: a run of the same tracks may use them."""
-    if isinstance(source, str) and np.isfinite(seen.speed).any():
+    if isinstance(source, str):
         typer.echo(
             f"{source} takes velocities from positions: the speeds and headings in {file} are not used, as a run of "
             "a dataset whose `velocity` is as_recorded would use them",

@@ -6,6 +6,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import typer
@@ -23,8 +24,16 @@ STREAM = "-"
 STEPS_APART = (0.8, 1.25)  # of rows that need no resampling, in time steps
 
 
-def read_walkers(path: str, time_step_s: float, data_root: Path) -> tuple[Tracks, dict[int, str]]:
-    """Tracks of a file by the `time_step_s`, and the owner's ids that are no plain numbers.
+class Walkers(NamedTuple):
+    """Tracks, {number: the owner's id} of ids that are no plain numbers, and whether the file has speeds itself."""
+
+    tracks: Tracks
+    owners: dict[int, str]
+    recorded: bool
+
+
+def read_walkers(path: str, time_step_s: float, data_root: Path) -> Walkers:
+    """Tracks of a file by the `time_step_s`.
 
     A table with columns track_id, t, x, y (`exchange.tracks`) is taken as it is where its rows are a time step apart,
     as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), which lie
@@ -34,19 +43,22 @@ def read_walkers(path: str, time_step_s: float, data_root: Path) -> tuple[Tracks
     with file_of(path) as (file, shown):
         if is_dataset(path):
             from modlhmp.api import read_tracks  # noqa: PLC0415 - the rest of the library
+            from modlhmp.datasets import load_dataset  # noqa: PLC0415
 
-            return read_tracks(file, data_root=data_root), {}
+            return Walkers(read_tracks(file, data_root=data_root), {}, load_dataset(file, data_root).has_velocity)
         try:
             if file.suffix == ".parquet" or set(NEEDED) <= set(_header(file)):
                 tracks, names = read_tracks_table(file)
                 step = usual_step(tracks) / time_step_s
                 if file.suffix == ".parquet" or np.isnan(step) or STEPS_APART[0] <= step <= STEPS_APART[1]:
-                    return tracks, names | (owner_ids(file) if file.suffix == ".parquet" else {})
-            tracks, account = clean_recording(file, _form_of(file, shown, time_step_s), Recording())
+                    names |= owner_ids(file) if file.suffix == ".parquet" else {}
+                    return Walkers(tracks, names, bool(np.isfinite(tracks.speed).any()))
+            form = _form_of(file, shown, time_step_s)
+            tracks, account = clean_recording(file, form, Recording())
         except DataError as error:
             raise DataError(str(error).replace(str(file), shown)) from None
         tell_of_faults(shown, account)
-        return tracks, owner_texts(account.get("owners", {}))
+        return Walkers(tracks, owner_texts(account.get("owners", {})), form.has_velocity)
 
 
 def is_dataset(path: str) -> bool:

@@ -88,7 +88,7 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
             raise DataError(str(error).replace(str(file), shown)) from None
     if not len(samples.track_id):
         raise DataError(f"{shown}: it has no forecasts")
-    truth, _ = read_walkers(tracks, time_step_s, data_root)
+    truth = read_walkers(tracks, time_step_s, data_root).tracks
     start = np.array([_start(truth, samples, place, shown, tracks) for place in range(len(samples.t0))])
     bounds = truth.bounds()
     end = dict(zip(truth.track_id[bounds[:-1]].tolist(), truth.t[bounds[1:] - 1].tolist(), strict=True))
