@@ -81,7 +81,7 @@ def build(
     else:
         raise DataError(f"{tracks}: describe it first: modlhmp inspect {tracks} > {tracks.stem}.yaml")
     made = api.build_map(kind, walked, site, **_options(options))
-    _save(made, out)
+    _save(made, out, remedy="end in .parquet; modlhmp map convert writes other forms of it")
     _say(f"{out}: {_summary(made)}")
 
 
@@ -174,7 +174,7 @@ def convert(
     """
     to = to or ("xml" if out.endswith(".xml") else PARQUET)
     loaded = _load(a_map, form, Site(timezone=timezone), origin, options)
-    how = {"header": True} if header else {}
+    how: dict[str, Any] = {"header": True} if header else {}
     if out != STREAM:
         _save(loaded, Path(out), to, **how)
         _say(f"{out}: {_summary(loaded)}, form {to}")
@@ -248,13 +248,19 @@ def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] |
     return api.Map(kind, site, whole, hours)
 
 
-def _save(a_map: api.Map, out: Path, to: str = PARQUET, **how: Any) -> None:
-    """Write a map under a name that says what it is; the library takes any."""
+def _save(
+    a_map: api.Map,
+    out: Path,
+    to: str = PARQUET,
+    remedy: str = "name its form, such as xml, by --to, or end in .parquet",
+    **how: Any,
+) -> None:
+    """Write a map under a name that says what it is, of which `remedy` tells; the library takes any."""
     in_folder = find(a_map.kind).hourly and (to == PARQUET or find_form(to).write is not None)
     if in_folder and out.suffix in {f".{PARQUET}", *(form.suffix for form in FORMS)}:
         raise DataError(f"{out}: a map of kind {a_map.kind} is a folder of hours; give a name without {out.suffix}")
     if not in_folder and to == PARQUET and out.suffix not in {"", f".{PARQUET}"}:
-        raise DataError(f"{out}: form parquet under this name; name its form, such as xml, by --to, or end in .parquet")
+        raise DataError(f"{out}: form parquet under this name; {remedy}")
     a_map.save(out, form=to, **how)
 
 
