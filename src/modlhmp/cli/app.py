@@ -8,7 +8,9 @@ import typer
 from modlhmp import __version__
 
 app = typer.Typer(  # without rich, whose help writes `<bool>` beside every flag
-    help="Maps of dynamics and long-term human motion prediction.", no_args_is_help=True, rich_markup_mode=None
+    help="Maps of dynamics and long-term human motion prediction.\n\nStart: modlhmp inspect FILE > site.yaml",
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
 
 

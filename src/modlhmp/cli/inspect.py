@@ -19,6 +19,10 @@ def inspect(
 ) -> None:
     """Look at a recording before any run: what it is, what looks wrong; of a FILE or FOLDER, draft its dataset file.
 
+    \b
+      modlhmp inspect monday.csv > monday.yaml
+      modlhmp inspect monday.yaml --data-root . --to looked
+
     The draft goes to the output, everything else beside it. Status 1: it could not be read, or a run would stop.
     """
     from modlhmp.inspection import inspect_dataset, inspect_file  # noqa: PLC0415 - other commands need none of it
