@@ -22,7 +22,7 @@ from modlhmp.arguments import (
     truth_of,
     uses_recorded,
 )
-from modlhmp.cleaning import check_rules, clean_recording
+from modlhmp.cleaning import check_rules, clean_recording, tell_of_faults
 from modlhmp.exchange.maps import imported, read_tables, write_tables
 from modlhmp.exchange.parquet import PARQUET, is_parquet, read_ours
 from modlhmp.file_format import FileFormat, Recording, check_format
@@ -64,7 +64,8 @@ def read_tracks(
     a header), `units`, `separator`, `timezone`, `time_step_s`, `cleaning`, `reader` ... `day` (ISO date) keeps the rows
     of that local day only; `start`, such as "09:00", is the clock time of a file whose times begin at 0 on that day.
     A clean recording of the workflow (.parquet) is read as it is. Of a dataset file (.yaml) all recordings are read, or
-    those of one `split`; they lie under `data_root`, and get track ids of their own.
+    those of one `split`; they lie under `data_root`, and get track ids of their own. Faulty rows are dropped, and a
+    warning of the logger `modlhmp` counts them and shows the first.
     `DataError` names the file, the row or option, the value and the remedy.
     """
     path = path_of("read_tracks", path)
@@ -95,7 +96,9 @@ def read_tracks(
         raise DataError(f"read_tracks: {path}: file_is: many files of one person each are described by a dataset file")
     check_format(described, "read_tracks")
     check_rules(described.cleaning, "read_tracks")
-    return clean_recording(path, described, Recording(day=day or "", start=start))[0]
+    tracks, account = clean_recording(path, described, Recording(day=day or "", start=start))
+    tell_of_faults(path, account)
+    return tracks
 
 
 @dataclass(frozen=True)
@@ -169,6 +172,9 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
     `resolution_m=0.5` (`modlhmp kinds NAME` lists them). `DataError` for a wrong kind or option, or tracks whose rows
     are not a time step apart.
     """
+    if not isinstance(kind, str):
+        given = type(kind).__name__
+        raise DataError(f"kind: {given} given; the kind comes first: build_map('cliff', tracks)")
     site, record = site_of(site), map_kind(kind)
     options: Any = check(record.building, building, f"build_map({kind!r})")  # type: ignore[arg-type]
     check_tracks("build_map", tracks, site)

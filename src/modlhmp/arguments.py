@@ -47,7 +47,7 @@ def site_from(plain: Any, where: str) -> Site:
 
 def map_kind(name: str) -> Kind:
     """The record of a kind of map."""
-    record = find(name)
+    record = find(name, maps_only=True)
     if record.learned:
         raise DataError(f"kind {name!r} is a network: the workflow trains it and forecasts with it, see the README")
     if not record.has_map:
@@ -79,7 +79,10 @@ def free_kind(name: str) -> Kind:
 def check_tracks(where: str, tracks: Tracks, site: Site) -> None:
     """Whether it is a track table, sorted, with its rows a time step apart; `DataError`."""
     if not isinstance(tracks, Tracks):
-        raise DataError(f"{where}: tracks are {type(tracks).__name__}; give modlhmp.Tracks, as read_tracks makes them")
+        given = type(tracks).__name__
+        raise DataError(
+            f"{where}: tracks are {given}; give modlhmp.Tracks, as read_tracks makes them{_of_file(tracks)}"
+        )
     for name, values in zip(Tracks._fields, tracks, strict=True):
         wanted = np.integer if name == "track_id" else np.floating
         if not isinstance(values, np.ndarray) or not np.issubdtype(values.dtype, wanted) or values.ndim != 1:
@@ -117,6 +120,11 @@ def check_tracks(where: str, tracks: Tracks, site: Site) -> None:
                 else "give read_tracks and Site the same one"
             )
         )
+
+
+def _of_file(value: Any) -> str:
+    """What to do with a file's name in place of what stands in the file."""
+    return f": read {os.fspath(value)!r} with read_tracks first" if isinstance(value, str | PathLike) else ""
 
 
 def uses_recorded(options: Any, site: Site) -> bool:
@@ -183,6 +191,8 @@ def path_of(where: str, path: Any) -> Path:
 
 def numbers(name: str, values: Any) -> np.ndarray:
     """An array of floats; not of text, dates or complex numbers, which numpy would turn into them."""
+    if of_file := _of_file(values):
+        raise DataError(f"{name}: give numbers, not a file's name{of_file}")
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "iufO" or any(

@@ -3,7 +3,8 @@
 The rules of the Edinburgh recordings are B. Majecka's (see the paper, Sec. IV-A); every rule counts what it drops.
 """
 
-from collections.abc import Iterable, Sequence
+import logging
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ from modlhmp.storage import DataError
 from modlhmp.time_step import interpolate
 from modlhmp.tracks import LEAST_JUMP_S, MAX_GAP_S, Tracks, laid_out, usual_step
 
+# Reasons for which readers drop a row that should have been somebody's position at a time.
+FAULTS = ("text_value", "nan_value", "infinite_value", "absurd_value", "wrong_column_count", "no_track_id")
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
 
@@ -41,6 +44,19 @@ def clean_recording(path: str | Path | People, form: FileFormat, recording: Reco
     warnings = ask_about(path, check_recording(rows, account, form, clock), form)
     tracks, plain = clean_rows(path, rows, account, form, recording)
     return tracks, {**plain, **({"warnings": warnings} if warnings else {})}
+
+
+def tell_of_faults(source: object, account: Mapping[str, Any]) -> None:
+    """Warn of the rows of `source` that are dropped since they are faulty: how many of all, the first of each kind."""
+    rows, first = account["rows"], account["first_seen"]
+    found = {reason: count for reason, count in rows["dropped"].items() if reason in FAULTS}
+    if found:
+        kinds = (
+            f"{n} {reason}" + (f" (first: {first[reason]})" if reason in first else "") for reason, n in found.items()
+        )
+        logging.getLogger("modlhmp").warning(
+            "%s: %d of %d rows are faulty and dropped: %s", source, sum(found.values()), rows["read"], ", ".join(kinds)
+        )
 
 
 def source_of(path: str | Path | People, form: FileFormat, recording: Recording) -> str | Path | People:

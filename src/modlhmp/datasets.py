@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MaxLen, MinLen
 
-from modlhmp.cleaning import are_polygons, check_rules, clean_recording
+from modlhmp.cleaning import are_polygons, check_rules, clean_recording, tell_of_faults
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.files import IN_NAME, check_different, day_in_name, find_files, names_of, recording_at
@@ -178,7 +178,9 @@ def clean(dataset: Dataset, recording: Recording) -> Tracks:
     if not recording.exists:
         raise DataError(f"{recording.path}: no such file; put it there, or correct `data_root`")
     path = Path(recording.stored, recording.member) if recording.member else Path(recording.path)
-    return clean_recording(path, dataset, recording)[0]
+    tracks, account = clean_recording(path, dataset, recording)
+    tell_of_faults(recording.path, account)
+    return tracks
 
 
 def divided(path: str | Path, recordings: Sequence[Recording]) -> tuple[Recording, ...]:

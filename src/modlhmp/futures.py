@@ -215,8 +215,10 @@ class Scores:
         asked = horizon_s if isinstance(horizon_s, Real) else np.nan  # which is close to none
         found = np.flatnonzero(np.isclose(self.horizons_s, asked))
         if not len(found):
-            longest = self.horizons_s[-1] if len(self.horizons_s) else 0
-            raise DataError(f"horizon_s {horizon_s!r}: it was not forecast; the longest horizon is {longest:g} s")
+            step, longest = (self.horizons_s[0], self.horizons_s[-1]) if len(self.horizons_s) else (0, 0)
+            raise DataError(
+                f"horizon_s {horizon_s!r}: it was not forecast; give a multiple of {step:g} s up to {longest:g} s"
+            )
         column = int(found[0])
         scored = np.isfinite(self.ade[:, column])
         means = [float(part[scored, column].mean()) if scored.any() else float("nan") for part in (self.ade, self.fde)]

@@ -178,13 +178,14 @@ def all_kinds() -> dict[str, Kind]:
     return known
 
 
-def find(name: str) -> Kind:
-    """The record of a kind; `DataError` with the nearest name where there is none."""
+def find(name: str, *, maps_only: bool = False) -> Kind:
+    """The record of a kind; `DataError` with the nearest name, or `maps_only` that of a map, where there is none."""
     if not isinstance(name, str):
         raise DataError(f"kind {name!r}: give the name of a kind, such as 'cliff'")
     for kind in BUILT_IN:  # without a look at what is installed
         if kind.name == name:
             return kind
     if name not in all_kinds():
-        raise DataError(unknown("kind", "kind", name, all_kinds(), NOT_INSTALLED))
+        known = [kind.name for kind in all_kinds().values() if kind.has_map or not maps_only]
+        raise DataError(unknown("kind", "kind of map" if maps_only else "kind", name, known, NOT_INSTALLED))
     return all_kinds()[name]

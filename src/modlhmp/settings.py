@@ -127,9 +127,12 @@ def unknown(where: str, what: str, name: object, known: Iterable[str], otherwise
     Where none is near all are named, and `otherwise`, another reason that there may be.
     """
     known = list(known)
-    close = difflib.get_close_matches(str(name), known, 1)
+    small = {one.lower(): one for one in known}
+    close = difflib.get_close_matches(str(name).lower(), small, 1)
     hint = (
-        f"did you mean {close[0]!r}?" if close else "; ".join(filter(None, [f"known: {', '.join(known)}", otherwise]))
+        f"did you mean {small[close[0]]!r}?"
+        if close
+        else "; ".join(filter(None, [f"known: {', '.join(known)}", otherwise]))
     )
     if RENAMED_KEYS.get(str(name)) in known:
         hint = f"it is now called {RENAMED_KEYS[str(name)]!r}"

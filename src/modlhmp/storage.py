@@ -36,7 +36,6 @@ _ENCODINGS = {
     pa.float32(): "BYTE_STREAM_SPLIT", pa.int32(): "DELTA_BINARY_PACKED", pa.int64(): "DELTA_BINARY_PACKED"
 }  # fmt: skip
 
-
 MOST_HELD, MOST_TIMES = 400_000_000, 10  # bytes that a file may stand for, or times its own size, if that is more
 MOST_MESSAGE = 4000  # characters
 UNFORESEEN = "if it is as it should be, this is a fault of modlhmp: please report it"
@@ -53,6 +52,12 @@ class DataError(ValueError):
     def __init__(self, message: str = "") -> None:
         half = MOST_MESSAGE // 2
         super().__init__(message if len(message) <= MOST_MESSAGE else f"{message[:half]} [...] {message[-half:]}")
+
+
+def no_folder(path: object) -> None:
+    """`DataError` where a folder is given as a file; what is not there at all is told by who reads it."""
+    if isinstance(path, str | Path) and os.path.isdir(path):
+        raise DataError(f"{path}: a folder; name a file in it")
 
 
 @contextmanager
@@ -180,6 +185,7 @@ def check_held(path: str | Path, held: int) -> None:
 @contextmanager
 def _damage(path: str | Path) -> Iterator[None]:
     """What reading a Parquet file raises, as an error of ours."""
+    no_folder(path)
     try:
         yield
     except FileNotFoundError:

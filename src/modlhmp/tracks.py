@@ -37,6 +37,17 @@ class Tracks(NamedTuple):
     speed: np.ndarray
     heading: np.ndarray
 
+    def __repr__(self) -> str:
+        """How many they are, when and where; of what is no table of numbers all that it has."""
+        if not all(isinstance(one, np.ndarray) and one.ndim == 1 and one.dtype.kind in "iuf" for one in self):
+            return tuple.__repr__(self)
+        told = [f"{len(np.unique(self.track_id))} people", f"{len(self.track_id)} rows"]
+        for name, values, unit in (("t", self.t, "s"), ("x", self.x, "m"), ("y", self.y, "m")):
+            if len(known := values[np.isfinite(values)]):
+                low, high = (shown_s(end) if name == "t" else f"{end:.1f}" for end in (known.min(), known.max()))
+                told.append(f"{name} {low} to {high} {unit}")
+        return f"Tracks({', '.join(told)})"
+
     def take(self, rows: np.ndarray | slice) -> "Tracks":
         """The rows of a mask or an index array."""
         return Tracks(*(column[rows] for column in self))
@@ -60,6 +71,11 @@ class Tracks(NamedTuple):
         seen = np.add.reduceat(self.t <= t, first) if len(first) else first
         there = (seen >= max(rows, 1)) & (self.t[end - 1] >= t)
         return self.take(np.repeat(there, end - first) & (self.t <= t))
+
+
+def shown_s(t: float) -> str:
+    """A time [s] for people: to the microsecond, without the digits by which it misses a decimal number."""
+    return f"{round(float(t), 6):.16g}"
 
 
 def empty_tracks() -> Tracks:

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from modlhmp.storage import DataError, refused
+from modlhmp.storage import DataError, no_folder, refused
 
 _MERGE = "tag:yaml.org,2002:merge"  # <<, of which there may be several
 MOST_CHARACTERS, MOST_VALUES, MOST_DEEP = 250_000, 100_000, 50
@@ -33,6 +33,7 @@ class _Loader(yaml.SafeLoader):
 
 def read_yaml(path: str | Path, what: str) -> dict[str, Any]:
     """The mapping that a YAML file holds, dates as text; `DataError` where it is none, as `what` must be."""
+    no_folder(path)
     try:
         with open(path, encoding="utf-8") as file:
             text = file.read(MOST_CHARACTERS + 1)

@@ -101,6 +101,27 @@ def test_a_clean_recording_and_a_dataset_file(write, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("row", "told"),
+    [
+        ("1,oops,5,0", "1 of 12 rows are faulty and dropped: 1 text_value (first: row 7: '1,oops,5,0')"),
+        ("1,5,5,", "1 of 12 rows are faulty and dropped: 1 nan_value (first: row 7: track_id 1, t 5, x 5, y nan"),
+        ("1,5,inf,0", "1 of 12 rows are faulty and dropped: 1 infinite_value (first: row 7: track_id 1, t 5, x inf"),
+        ("1,5,5", "1 of 12 rows are faulty and dropped: 1 wrong_column_count (first: row 7: '1,5,5')"),
+        ("1,5,5e9,0", "1 of 12 rows are faulty and dropped: 1 absurd_value (first: row 7: track_id 1, t 5, x 5e+09"),
+        (",5,5,0", "1 of 12 rows are faulty and dropped: 1 no_track_id (first: row 7: track id is empty)"),
+        ("1,5,5,0", None),
+    ],
+)
+def test_faulty_rows_are_told(write, caplog, row, told):
+    rows = [f"1,{t},{t},0" for t in range(12)]
+    rows[5] = row
+    path = write("p,t,x,y\n" + "\n".join(rows))
+    modlhmp.read_tracks(path, columns={"track_id": "p", "t": "t", "x": "x", "y": "y"})
+    messages = [one.getMessage() for one in caplog.records]
+    assert len(messages) == (told is not None) and all(one.startswith(f"{path}: {told}") for one in messages)
+
+
+@pytest.mark.parametrize(
     ("form", "message"),
     [
         ({}, "say which `columns`"),
@@ -220,6 +241,10 @@ def test_a_map_without_its_metadata_is_refused(maps, tmp_path):
         (("cliff", PEOPLE), {"resolution": 2}, "unknown key 'resolution', did you mean 'resolution_m'"),
         (("cliff", PEOPLE), {"resolution_m": -1}, "resolution_m"),
         (("cliff", np.zeros((3, 3))), {}, "give modlhmp.Tracks"),
+        (("snippets", "monday.csv"), {}, "tracks are str; .*: read 'monday.csv' with read_tracks first"),
+        ((PEOPLE, "snippets"), {}, r"^kind: Tracks given; the kind comes first: build_map\('cliff', tracks\)$"),
+        (("CLiFF", PEOPLE), {}, "did you mean 'cliff'"),
+        (("zzz", PEOPLE), {}, "known: cliff, .*, snippets, pooled, exits; is the package"),  # no networks
         (("cliff", PEOPLE, Site(time_step_s=0.4)), {}, "a row every 1 s, the site's time_step_s is 0.4"),
         (("cliff", PEOPLE._replace(t=PEOPLE.t[::-1])), {}, "sort by track, then time"),
     ],
@@ -232,6 +257,14 @@ def test_a_map_that_cannot_be_built(arguments, named, message):
 def test_what_is_no_path(maps, path):
     for call in (modlhmp.load_map, modlhmp.read_tracks, maps["snippets"].save):
         refused("give a file's path", call, path)
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a.txt", "a.yaml", "a.parquet"])
+def test_a_folder_is_no_recording(tmp_path, name):
+    (tmp_path / name).mkdir()
+    form = {"columns": dict(zip(("track_id", "t", "x", "y"), range(4), strict=True))}
+    form = form if name in {"a.csv", "a.txt"} else {}
+    refused(f"^{tmp_path / name}: a folder; name a file in it$", modlhmp.read_tracks, tmp_path / name, **form)
 
 
 def test_a_folder_without_a_map(tmp_path):
@@ -433,6 +466,12 @@ def test_scores_against_positions():
     np.testing.assert_allclose(scores.fde[0], [3, 4, np.nan], atol=1e-6)
     np.testing.assert_allclose(scores.ade[0], [3, 3.5, np.nan], atol=1e-6)
     assert scores.at(2) == pytest.approx({"ade_m": 3.5, "fde_m": 4.0, "n": 1, "eligible": 1}, abs=1e-6)
+
+
+@pytest.mark.parametrize("horizon_s", [0, 3.5, 99, "2"])
+def test_a_horizon_that_was_not_forecast(horizon_s):
+    scores = modlhmp.score(modlhmp.forecast("cvm", seen(PEOPLE), 8), PEOPLE)
+    refused("it was not forecast; give a multiple of 1 s up to 8 s", scores.at, horizon_s)
 
 
 def test_scores_that_cannot_be_given():

@@ -26,7 +26,7 @@ STAGES = [
     ("futures", "arguments", "api", "contract", "planning", "tasks", "futures_drawing", "live", "live_lines",
      "live_map", "ros", "updates"),
     ("inspection",),
-    ("cli",),
+    ("cli", "__main__"),
     ("study",),
 ]  # fmt: skip
 STAGE_OF = {name: number for number, names in enumerate(STAGES) for name in names}

@@ -25,6 +25,15 @@ def test_version_and_help():
     assert "--install-completion" in said("--help")
 
 
+def test_the_help_says_where_to_begin_and_shows_examples():
+    done = subprocess.run(
+        [sys.executable, "-m", "modlhmp", "--help"], capture_output=True, text=True, check=True, timeout=100
+    )
+    assert "Start: modlhmp inspect FILE > site.yaml" in done.stdout
+    assert "    modlhmp kinds snippets\n" in said("kinds", "--help")
+    assert "    modlhmp inspect monday.csv > monday.yaml\n" in said("inspect", "--help")
+
+
 @pytest.mark.parametrize("command", [(), ("kinds",), ("live",)])
 def test_help_says_nothing_in_python_s_words(command):
     text = said(*command, "--help")

@@ -123,6 +123,7 @@ def test_what_is_not_used_and_what_was_guessed_is_told(folder, tmp_path):
     of = pd.read_csv(folder / "walks.csv").rename(columns={"x": "px", "y": "py"})
     of.to_csv(tmp_path / "f.csv", index=False)
     said_so = told(*arguments, tmp_path / "f.csv")
+    assert "the speeds and headings" not in said_so  # those that cleaning has made are nobody's record
     assert "f.csv: read as track_id = track_id, t = t, x = px, y = py, brought to a row every 1 s" in said_so
 
 
@@ -214,6 +215,14 @@ def test_bad_tracks(tmp_path, name):
         said("forecast", "--map", "cvm", "--tracks", tmp_path / "f.csv", "--horizon", 2)
 
 
+@pytest.mark.parametrize("name", ["a", "a.csv", "a.yaml", "a.parquet"])
+def test_a_folder_is_no_file_of_tracks(tmp_path, name):
+    (tmp_path / name).mkdir()
+    (tmp_path / "f.csv").write_text("track_id,t0,step,x,y\nP3,1300000129,1,0,0\n")
+    for arguments in (("forecast", "--map", "cvm"), ("score", tmp_path / "f.csv")):
+        assert refused(*arguments, "--tracks", tmp_path / name) == f"{tmp_path / name}: a folder; name a file in it"
+
+
 def test_a_file_whose_form_is_in_doubt(tmp_path):
     """What is in doubt is said, and how to say it."""
     lines = [f"{frame} {person} {0.5 * frame + person:.2f} {0.01 * frame:.2f}" for person in range(9)
@@ -232,6 +241,7 @@ def test_a_file_whose_form_is_in_doubt(tmp_path):
         (("--option", "velo=1"), "unknown key 'velo', did you mean 'velocity'?"),
         (("--option", "velocity"), "--option 'velocity': write NAME=VALUE"),
         (("--at", 5), "--at 5: nobody in"),
+        (("--at", 5), f"its times are {CROWD.t.min():.0f} to {CROWD.t.max():.0f} s"),
         (("--seed", -1), "--seed -1: give a whole number"),
         (("--map", "stef"), "--map stef: a kind of map, not a map: build one by `modlhmp map build stef`"),
         (("--map", "hal.parquet"), "hal.parquet: no such file; give the file of a map, or its folder of hours"),
@@ -404,3 +414,72 @@ def test_help_teaches_by_example(verb):
     text = said(verb, "--help")
     assert len(re.findall(rf"^    modlhmp {verb} ", text, re.M)) >= 2
     assert "docs/" in text
+
+
+def of_steps(folder, step_s):
+    """A dataset file in one folder of recordings in another, their rows `step_s` apart; returns that folder."""
+    recordings = folder / "recordings"
+    recordings.mkdir()
+    rows = tracks_table(CROWD._replace(t=CROWD.t[0] + step_s * (CROWD.t - CROWD.t[0]))).to_pandas()
+    for name, moved in (("before", 50_000), ("walks", 0)):
+        of = rows.assign(track_id=rows["track_id"] + moved, t=rows["t"] - moved, x=step_s * rows["x"])
+        of["y"] = step_s * (-rows["y"] if moved else rows["y"])  # others, in the same place
+        of.drop(columns=["speed", "heading"], errors="ignore").to_csv(recordings / f"{name}.csv", index=False)
+    (folder / "hall.yaml").write_text(f"""
+title: Hall
+reader: delimited
+timezone: UTC
+header: true
+columns: {{track_id: track_id, t: t, x: x, y: y}}
+clock: unknown
+time_step_s: {step_s}
+horizon_s: {8 * step_s}
+velocity: differences
+recordings:
+  - {{files: before.csv, split: train}}
+  - {{files: walks.csv, split: test}}
+citation: nobody
+terms: none
+""")
+    return recordings
+
+
+@pytest.mark.parametrize("said_by", ["option", "environment", "place"])
+def test_every_verb_finds_a_dataset_s_recordings_alike(tmp_path, monkeypatch, said_by):
+    """By --data-root, by MODLHMP_DATA, or in data: not beside the dataset file."""
+    recordings = of_steps(tmp_path, 1.0)
+    monkeypatch.delenv("MODLHMP_DATA", raising=False)
+    monkeypatch.chdir(tmp_path)
+    more = ("--data-root", recordings) if said_by == "option" else ()
+    if said_by == "environment":
+        monkeypatch.setenv("MODLHMP_DATA", str(recordings))
+    if said_by == "place":
+        recordings.rename(tmp_path / "data")
+    at = float(CROWD.t[CROWD.track_id == 3][9])
+    said("inspect", "hall.yaml", "--to", "looked", *more)
+    said("forecast", "--map", "cvm", "--tracks", "hall.yaml", "--at", at, "--horizon", 3, "--out", "f.csv", *more)
+    assert len(table("score", "f.csv", "--tracks", "hall.yaml", *more))
+    said("export-task", "hall.yaml", "--to", "task", *more)
+
+
+def test_the_time_step_of_scores_is_the_dataset_file_s(tmp_path):
+    """Steps of 0.4 s, as in ETH and UCY; another one that is said does not fit the rows."""
+    recordings = of_steps(tmp_path, 0.4)
+    tracks = modlhmp.read_tracks(tmp_path / "hall.yaml", data_root=recordings)
+    seen = tracks.take(np.arange(len(tracks.t)) % 20 < 4)
+    site = modlhmp.Site(time_step_s=0.4, horizon_s=3.2)
+    expected = modlhmp.score(modlhmp.forecast("cvm", seen, site=site), tracks).at(3.2)
+    last = seen.bounds()[1:] - 1
+    shift = 0.4 * np.arange(1, 9)
+    vx, vy = ((values[last] - values[last - 3]) / 1.2 for values in (seen.x, seen.y))
+    pd.DataFrame({
+        "track_id": np.repeat(seen.track_id[last], 8), "t0": np.repeat(seen.t[last], 8),
+        "step": np.tile(np.arange(1, 9), len(last)), "x": (seen.x[last, None] + vx[:, None] * shift).ravel(),
+        "y": (seen.y[last, None] + vy[:, None] * shift).ravel(),
+    }).to_csv(tmp_path / "h.csv", index=False)  # fmt: skip
+    arguments = ("score", tmp_path / "h.csv", "--tracks", tmp_path / "hall.yaml", "--data-root", recordings)
+    found = table(*arguments)
+    of = found[found["protocol"] == "complete"].set_index("horizon_s").loc[3.2]
+    assert of["n"] == expected["n"] == 60
+    assert of["ade_m"] == pytest.approx(table(*arguments, "--time-step", 0.4)["ade_m"].iloc[-1], rel=1e-6)
+    assert "the site's time_step_s is 1" in refused(*arguments, "--time-step", 1)

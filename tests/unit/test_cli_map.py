@@ -103,6 +103,9 @@ def test_what_cannot_be_built(folder, tmp_path, monkeypatch, capsys):
     assert "a map of kind tc_cliff is a folder of hours; give a name without .parquet" in refused(
         monkeypatch, capsys, "build", "tc_cliff", tracks, "--out", out
     )
+    assert "z.png: form parquet under this name; end in .parquet; modlhmp map convert writes" in refused(
+        monkeypatch, capsys, "build", "cliff", tracks, "--out", tmp_path / "z.png"
+    )
     assert "give NAME=VALUE" in said("build", "cliff", tracks, "--out", out, "--set", "5", status=2)[1]
     assert not out.exists()
 

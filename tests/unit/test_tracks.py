@@ -26,6 +26,17 @@ from modlhmp.tracks import (
 from modlhmp.version import __version__
 
 
+def test_tracks_are_shown_by_how_many_when_and_where():
+    """Not by their numbers; a position that is unknown is left out, and what is no table is shown as it is."""
+    of = some_tracks([1, 1, 2])._replace(
+        t=np.array([0.1 + 0.2, 1.0, 722.4000000000001]), x=np.array([0, np.nan, 20.04]), y=np.array([0.2, 1, 2.94])
+    )
+    assert repr(of) == str(of) == "Tracks(2 people, 3 rows, t 0.3 to 722.4 s, x 0.0 to 20.0 m, y 0.2 to 2.9 m)"
+    assert repr(empty_tracks()) == "Tracks(0 people, 0 rows)"
+    assert "nobody" in repr(of._replace(x="nobody"))
+    assert len(of) == 6 and of == of._replace()  # a tuple of its columns still
+
+
 def some_tracks(ids, seed=0):
     rng = np.random.default_rng(seed)
     n = len(ids)

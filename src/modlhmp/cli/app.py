@@ -1,5 +1,6 @@
 """The program `modlhmp` and its version; each verb stands in a module beside this one."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -7,7 +8,9 @@ import typer
 from modlhmp.version import __version__
 
 app = typer.Typer(  # without rich, whose help writes `<bool>` beside every flag
-    help="Maps of dynamics and long-term human motion prediction.", no_args_is_help=True, rich_markup_mode=None
+    help="Maps of dynamics and long-term human motion prediction.\n\nStart: modlhmp inspect FILE > site.yaml",
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
 
 
@@ -15,6 +18,16 @@ def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"modlhmp {__version__}")
         raise typer.Exit
+
+
+DataRoot = Annotated[  # of every verb that takes a dataset file; its default is `DATA_ROOT`
+    Path,
+    typer.Option(
+        "--data-root", metavar="FOLDER", envvar="MODLHMP_DATA", help="Folder of a dataset file's recordings.",
+        callback=Path.expanduser,
+    ),
+]  # fmt: skip
+DATA_ROOT = Path("data")
 
 
 @app.callback()

@@ -6,9 +6,10 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from modlhmp.cli.app import app
+from modlhmp.cli.app import DATA_ROOT, DataRoot, app
 from modlhmp.cli.inputs import STREAM, map_or_kind, read_walkers
 from modlhmp.storage import DataError
+from modlhmp.tracks import shown_s
 
 FORMS = (".csv", ".parquet", ".ndjson")
 
@@ -29,6 +30,7 @@ def forecast(
         float | None,
         typer.Option(metavar="SECONDS", help="Forecast who is there at this time, from rows up to it [default: all]"),
     ] = None,
+    data_root: DataRoot = DATA_ROOT,
     best: Annotated[bool, typer.Option("--best", help="One path for each person instead of the samples.")] = False,
     seed: Annotated[int, typer.Option(metavar="NUMBER", help="Of the samples.")] = 0,
     option: Annotated[
@@ -58,10 +60,11 @@ def forecast(
         raise DataError(f"--out {out}: the name must end in .csv, .parquet or .ndjson")
     source = map_or_kind(by)
     site = modlhmp.Site() if isinstance(source, str) else source.site
-    walkers, owners = read_walkers(tracks, site.time_step_s)
+    walkers, owners, recorded = read_walkers(tracks, site.time_step_s, data_root)
     seen = _seen(walkers, at, site.observed_rows, tracks)
     _check_ids(owners, seen, tracks, out)
-    _tell_of_speeds(source, seen, tracks)
+    if recorded:
+        _tell_of_speeds(source, tracks)
     futures = modlhmp.forecast(source, seen, horizon, seed, **_options(option or [], seed))
     _tell_of_unknown(futures, tracks)
     _write(futures, owners, out, best)
@@ -110,7 +113,7 @@ def _seen(walkers: Any, at: float | None, rows: int, file: str) -> Any:
         if not len(seen.t):
             raise DataError(
                 f"--at {at:.16g}: nobody in {file} has {rows} rows by then and is there; its times are "
-                f"{walkers.t.min():.16g} to {walkers.t.max():.16g} s"
+                f"{shown_s(walkers.t.min())} to {shown_s(walkers.t.max())} s"
             )
         return seen
     counts = np.diff(walkers.bounds())
@@ -130,9 +133,9 @@ def _check_ids(owners: dict[int, str], seen: Any, file: str, out: str) -> None:
         )
 
 
-def _tell_of_speeds(source: Any, seen: Any, file: str) -> None:
+def _tell_of_speeds(source: Any, file: str) -> None:
     """Say where recorded speeds are not used: a run of the same tracks may use them."""
-    if isinstance(source, str) and np.isfinite(seen.speed).any():
+    if isinstance(source, str):
         typer.echo(
             f"{source} takes velocities from positions: the speeds and headings in {file} are not used, as a run of "
             "a dataset whose `velocity` is as_recorded would use them",

@@ -1,51 +1,69 @@
 """What verbs read and write: tracks in any form that is beyond doubt, streams, tables."""
 
 import contextlib
-import os
 import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import typer
 
 from modlhmp.api import Map, load_map
-from modlhmp.cleaning import clean_recording
+from modlhmp.cleaning import clean_recording, tell_of_faults
 from modlhmp.exchange.tracks import NEEDED, RECORDED, read_tracks_table
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.kinds import all_kinds
 from modlhmp.settings import check
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, no_folder
 from modlhmp.tracks import Tracks, owner_ids, owner_texts, usual_step
 
 STREAM = "-"
 STEPS_APART = (0.8, 1.25)  # of rows that need no resampling, in time steps
 
 
-def read_walkers(path: str, time_step_s: float) -> tuple[Tracks, dict[int, str]]:
-    """Tracks of a file by the `time_step_s`, and the owner's ids that are no plain numbers.
+class Walkers(NamedTuple):
+    """Tracks, {number: the owner's id} of ids that are no plain numbers, and whether the file has speeds itself."""
+
+    tracks: Tracks
+    owners: dict[int, str]
+    recorded: bool
+
+
+def read_walkers(path: str, time_step_s: float, data_root: Path) -> Walkers:
+    """Tracks of a file by the `time_step_s`.
 
     A table with columns track_id, t, x, y (`exchange.tracks`) is taken as it is where its rows are a time step apart,
-    as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), and any
-    other file whose form can be guessed without doubt; `DataError` says what is in doubt. "-" is standard input.
+    as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), which lie
+    under `data_root`, and any other file whose form can be guessed without doubt; `DataError` says what is in doubt.
+    "-" is standard input.
     """
     with file_of(path) as (file, shown):
-        if file.suffix in {".yaml", ".yml"}:
+        if is_dataset(path):
             from modlhmp.api import read_tracks  # noqa: PLC0415 - the rest of the library
+            from modlhmp.datasets import load_dataset  # noqa: PLC0415
 
-            return read_tracks(file, data_root=os.environ.get("MODLHMP_DATA")), {}
+            return Walkers(read_tracks(file, data_root=data_root), {}, load_dataset(file, data_root).has_velocity)
         try:
             if file.suffix == ".parquet" or set(NEEDED) <= set(_header(file)):
                 tracks, names = read_tracks_table(file)
                 step = usual_step(tracks) / time_step_s
                 if file.suffix == ".parquet" or np.isnan(step) or STEPS_APART[0] <= step <= STEPS_APART[1]:
-                    return tracks, names | (owner_ids(file) if file.suffix == ".parquet" else {})
-            tracks, account = clean_recording(file, _form_of(file, shown, time_step_s), Recording())
+                    names |= owner_ids(file) if file.suffix == ".parquet" else {}
+                    return Walkers(tracks, names, bool(np.isfinite(tracks.speed).any()))
+            form = _form_of(file, shown, time_step_s)
+            tracks, account = clean_recording(file, form, Recording())
         except DataError as error:
             raise DataError(str(error).replace(str(file), shown)) from None
-        return tracks, owner_texts(account.get("owners", {}))
+        tell_of_faults(shown, account)
+        return Walkers(tracks, owner_texts(account.get("owners", {})), form.has_velocity)
+
+
+def is_dataset(path: str) -> bool:
+    """Whether a file is a dataset file, by its name."""
+    return Path(path).suffix in {".yaml", ".yml"}
 
 
 def map_or_kind(by: str) -> Map | str:
@@ -64,6 +82,7 @@ def map_or_kind(by: str) -> Map | str:
 def file_of(path: str) -> Iterator[tuple[Path, str]]:
     """The file at a path and how messages call it; of "-" a copy of standard input, for as long as it is needed."""
     if path != STREAM:
+        no_folder(path)
         if not Path(path).is_file():
             raise DataError(f"{path}: no such file")
         yield Path(path), path

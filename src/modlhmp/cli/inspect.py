@@ -1,12 +1,11 @@
 """`modlhmp inspect`."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from modlhmp.cli.app import app
+from modlhmp.cli.app import DATA_ROOT, DataRoot, app
 
 
 @app.command()
@@ -15,20 +14,21 @@ def inspect(
         Path,
         typer.Argument(metavar="FILE|FOLDER|DATASET", help="A recording, a folder of them, a dataset file (.yaml)."),
     ],
-    data_root: Annotated[
-        Path | None, typer.Option(help="Folder of the recordings [default: MODLHMP_DATA, or data]")
-    ] = None,
+    data_root: DataRoot = DATA_ROOT,
     to: Annotated[Path, typer.Option(help="Folder for the picture and the page.")] = Path(),
 ) -> None:
     """Look at a recording before any run: what it is, what looks wrong; of a FILE or FOLDER, draft its dataset file.
+
+    \b
+      modlhmp inspect monday.csv > monday.yaml
+      modlhmp inspect monday.yaml --data-root . --to looked
 
     The draft goes to the output, everything else beside it. Status 1: it could not be read, or a run would stop.
     """
     from modlhmp.inspection import inspect_dataset, inspect_file  # noqa: PLC0415 - other commands need none of it
 
-    root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
     is_dataset = what.suffix in {".yaml", ".yml"}
-    found = inspect_dataset(what, root) if is_dataset else inspect_file(what, root)
+    found = inspect_dataset(what, data_root) if is_dataset else inspect_file(what, data_root)
     files = found.write(to, what.resolve().stem)
     typer.echo(found.summary(), err=True)
     typer.echo(f"Written: {', '.join(map(str, files))}", err=True)

@@ -11,7 +11,12 @@ from modlhmp.settings import fields_of
 
 @app.command()
 def kinds(name: Annotated[str, typer.Argument(hidden=True, metavar="NAME")] = "") -> None:
-    """List the kinds of maps, predictors and networks, also other packages'; or the options of the kind NAME."""
+    """List the kinds of maps, predictors and networks, also other packages'; or the options of the kind NAME.
+
+    \b
+      modlhmp kinds
+      modlhmp kinds snippets
+    """
     if name:
         return _describe(find(name))
     for kind in all_kinds().values():

@@ -9,7 +9,7 @@ import typer
 import yaml
 
 from modlhmp.cli.app import app
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, no_folder
 
 if TYPE_CHECKING:
     from modlhmp.futures import Futures
@@ -174,6 +174,7 @@ def _every(forecaster: "Live", every_s: float | None) -> float:
 
 def _opened(rows: Path) -> int:
     """The file descriptor of the rows."""
+    no_folder(rows)
     try:
         return 0 if str(rows) == "-" else os.open(rows, os.O_RDONLY)
     except OSError as error:

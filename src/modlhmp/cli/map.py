@@ -1,7 +1,6 @@
 """`modlhmp map`: build, look at, draw, convert and compare maps of dynamics."""
 
 import json
-import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +10,7 @@ import pyarrow as pa
 import typer
 
 from modlhmp import api, pictures
-from modlhmp.cli.app import app
+from modlhmp.cli.app import DATA_ROOT, DataRoot, app
 from modlhmp.exchange import maps as exchange
 from modlhmp.exchange.forms import BY_NAME, FORMS, find_form, recognise
 from modlhmp.exchange.parquet import PARQUET
@@ -56,9 +55,7 @@ def build(
         Path, typer.Option("--out", metavar="PATH", help="Where the map goes: a file, or a folder for a kind by hours.")
     ],
     options: SetOption = None,
-    data_root: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder of the recordings [default: MODLHMP_DATA, or data]")
-    ] = None,
+    data_root: DataRoot = DATA_ROOT,
     timezone: TimezoneOption = "UTC",
 ) -> None:
     """Build a map from tracks: of a dataset file, the training recordings.
@@ -74,9 +71,8 @@ def build(
         from modlhmp.datasets import load_dataset  # noqa: PLC0415
         from modlhmp.settings import as_plain  # noqa: PLC0415
 
-        root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
-        site = site_from(as_plain(load_dataset(tracks, root)), str(tracks))
-        walked = api.read_tracks(tracks, data_root=root, split="train")
+        site = site_from(as_plain(load_dataset(tracks, data_root)), str(tracks))
+        walked = api.read_tracks(tracks, data_root=data_root, split="train")
     elif tracks.suffix == ".parquet":
         from modlhmp.tracks import usual_step  # noqa: PLC0415
 
@@ -85,7 +81,7 @@ def build(
     else:
         raise DataError(f"{tracks}: describe it first: modlhmp inspect {tracks} > {tracks.stem}.yaml")
     made = api.build_map(kind, walked, site, **_options(options))
-    _save(made, out)
+    _save(made, out, remedy="end in .parquet; modlhmp map convert writes other forms of it")
     _say(f"{out}: {_summary(made)}")
 
 
@@ -178,7 +174,7 @@ def convert(
     """
     to = to or ("xml" if out.endswith(".xml") else PARQUET)
     loaded = _load(a_map, form, Site(timezone=timezone), origin, options)
-    how = {"header": True} if header else {}
+    how: dict[str, Any] = {"header": True} if header else {}
     if out != STREAM:
         _save(loaded, Path(out), to, **how)
         _say(f"{out}: {_summary(loaded)}, form {to}")
@@ -252,13 +248,19 @@ def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] |
     return api.Map(kind, site, whole, hours)
 
 
-def _save(a_map: api.Map, out: Path, to: str = PARQUET, **how: Any) -> None:
-    """Write a map under a name that says what it is; the library takes any."""
+def _save(
+    a_map: api.Map,
+    out: Path,
+    to: str = PARQUET,
+    remedy: str = "name its form, such as xml, by --to, or end in .parquet",
+    **how: Any,
+) -> None:
+    """Write a map under a name that says what it is, of which `remedy` tells; the library takes any."""
     in_folder = find(a_map.kind).hourly and (to == PARQUET or find_form(to).write is not None)
     if in_folder and out.suffix in {f".{PARQUET}", *(form.suffix for form in FORMS)}:
         raise DataError(f"{out}: a map of kind {a_map.kind} is a folder of hours; give a name without {out.suffix}")
     if not in_folder and to == PARQUET and out.suffix not in {"", f".{PARQUET}"}:
-        raise DataError(f"{out}: form parquet under this name; name its form, such as xml, by --to, or end in .parquet")
+        raise DataError(f"{out}: form parquet under this name; {remedy}")
     a_map.save(out, form=to, **how)
 
 

@@ -1,6 +1,5 @@
 """`modlhmp map update`."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +8,7 @@ import typer
 
 from modlhmp import api
 from modlhmp.arguments import site_from
+from modlhmp.cli.app import DATA_ROOT, DataRoot
 from modlhmp.cli.map import SetOption, TimezoneOption, _options, _say, _summary, maps
 from modlhmp.datasets import clean, load_dataset
 from modlhmp.settings import as_plain
@@ -39,9 +39,7 @@ def update(
         list[str] | None, typer.Option(metavar="DATE", help="Take out a day of the place, before anything is added.")
     ] = None,
     options: SetOption = None,
-    data_root: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Folder of the recordings [default: MODLHMP_DATA, or data]")
-    ] = None,
+    data_root: DataRoot = DATA_ROOT,
     timezone: TimezoneOption = "UTC",
 ) -> None:
     """Keep a map up to date: add tracks, merge maps, remove days, and write it out for forecasts.
@@ -90,7 +88,7 @@ def _add(kept: UpdatedMap, walked: list[tuple[str, Tracks, Site]], state: Path) 
         _say(f"{name}: {kept.add(rows, name)}")
 
 
-def _recordings(file: Path, data_root: Path | None, of: Site | str) -> list[tuple[str, Tracks, Site]]:
+def _recordings(file: Path, data_root: Path, of: Site | str) -> list[tuple[str, Tracks, Site]]:
     """(name, tracks, site) of a clean recording at a site, or in a time zone, or of a dataset's training recordings."""
     if file.suffix == ".parquet":
         rows = api.read_tracks(file)
@@ -99,7 +97,6 @@ def _recordings(file: Path, data_root: Path | None, of: Site | str) -> list[tupl
         return [(file.stem, rows, site)]
     if file.suffix not in {".yaml", ".yml"}:
         raise DataError(f"{file}: describe it first: modlhmp inspect {file} > {file.stem}.yaml")
-    root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
-    dataset = load_dataset(file, root)
+    dataset = load_dataset(file, data_root)
     site = site_from(as_plain(dataset), str(file))
     return [(one.name, clean(dataset, one), site) for one in dataset.of_split("train")]

@@ -1,16 +1,16 @@
 """`modlhmp score`."""
 
 import csv
-import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
-from modlhmp.cli.app import app
-from modlhmp.cli.inputs import file_of, read_walkers
+from modlhmp.cli.app import DATA_ROOT, DataRoot, app
+from modlhmp.cli.inputs import file_of, is_dataset, read_walkers
 from modlhmp.storage import DataError
+from modlhmp.tracks import shown_s
 
 
 @app.command()
@@ -27,11 +27,9 @@ def score(
         typer.Option(help="How one path comes out of several samples; a hand-in says it itself."),
     ] = "likeliest",
     time_step: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Of the forecasts; a dataset file says it.")
-    ] = 1.0,
-    data_root: Annotated[
-        Path | None, typer.Option(help="Folder of the recordings [default: MODLHMP_DATA, or data]")
+        float | None, typer.Option(metavar="SECONDS", help="Of the forecasts [default: the dataset file's; else 1]")
     ] = None,
+    data_root: DataRoot = DATA_ROOT,
     split: Annotated[
         Literal["test", "validation", "train"], typer.Option(help="Of the dataset file: what was exported.")
     ] = "test",
@@ -49,27 +47,26 @@ def score(
     """
     writer = csv.writer(sys.stdout, lineterminator="\n")
     if Path(forecasts).is_dir():
-        if Path(tracks).suffix not in {".yaml", ".yml"}:
+        if not is_dataset(tracks):
             raise DataError(
                 f"--tracks {tracks}: {forecasts} is a folder, so a hand-in: give the dataset file that its task was "
                 "exported from (.yaml)"
             )
         from modlhmp.tasks import Row, score_hand_in  # noqa: PLC0415 - other commands need none of it
 
-        root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
-        handed, rows = score_hand_in(forecasts, tracks, root, split)
+        handed, rows = score_hand_in(forecasts, tracks, data_root, split)
         typer.echo(handed.coverage(), err=True)
         writer.writerow(Row._fields)
         writer.writerows((*row[:2], *(f"{one:.6g}" for one in row[2:])) for row in rows)
         return
-    scored = list(_scores(forecasts, tracks, path, time_step))
+    scored = list(_scores(forecasts, tracks, path, time_step, data_root))
     writer.writerow(("protocol", "output", "horizon_s", "ade_m", "fde_m", "n", "eligible"))
     for protocol, output, horizon_s, found in scored:
         numbers = (horizon_s, found["ade_m"], found["fde_m"], found["n"], found["eligible"])
         writer.writerow((protocol, output, *(f"{one:.6g}" for one in numbers)))
 
 
-def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float) -> Any:
+def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, data_root: Path) -> Any:
     """(protocol, output, horizon, means) of a table of forecasts of tracks."""
     import numpy as np  # noqa: PLC0415
 
@@ -78,6 +75,8 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float) -> Any:
     from modlhmp.scoring.horizons import scored_horizons  # noqa: PLC0415
     from modlhmp.scoring.protocols import PROTOCOLS  # noqa: PLC0415
 
+    if time_step_s is None:
+        time_step_s = _step_of(tracks, data_root)
     if not 0 < time_step_s < np.inf:
         raise DataError(f"--time-step {time_step_s:g}: give the seconds between two steps, above 0")
     if forecasts.endswith(".ndjson"):
@@ -89,7 +88,7 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float) -> Any:
             raise DataError(str(error).replace(str(file), shown)) from None
     if not len(samples.track_id):
         raise DataError(f"{shown}: it has no forecasts")
-    truth, _ = read_walkers(tracks, time_step_s)
+    truth = read_walkers(tracks, time_step_s, data_root).tracks
     start = np.array([_start(truth, samples, place, shown, tracks) for place in range(len(samples.t0))])
     bounds = truth.bounds()
     end = dict(zip(truth.track_id[bounds[:-1]].tolist(), truth.t[bounds[1:] - 1].tolist(), strict=True))
@@ -108,6 +107,14 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float) -> Any:
             yield protocol, found.output, horizon_s, found.at(horizon_s)
 
 
+def _step_of(tracks: str, data_root: Path) -> float:
+    """The time step of a dataset file; of other tracks that of a `Site` of which nothing is said."""
+    from modlhmp.datasets import load_dataset  # noqa: PLC0415
+    from modlhmp.site import Site  # noqa: PLC0415
+
+    return (load_dataset(tracks, data_root) if is_dataset(tracks) else Site()).time_step_s
+
+
 def _start(truth: Any, samples: Any, place: int, shown: str, tracks: str) -> tuple[float, float]:
     """Where the person of a forecast was at t0."""
     import numpy as np  # noqa: PLC0415
@@ -119,7 +126,7 @@ def _start(truth: Any, samples: Any, place: int, shown: str, tracks: str) -> tup
     row = mine[np.abs(truth.t[mine] - samples.t0[place]).argmin()]
     if abs(truth.t[row] - samples.t0[place]) > 1e-3:
         raise DataError(
-            f"{where}: t0 {samples.t0[place]:.16g}: that track has no row then in {tracks} (the nearest is at "
-            f"{truth.t[row]:.16g}); t0 is the time of a person's last observed row"
+            f"{where}: t0 {shown_s(samples.t0[place])}: that track has no row then in {tracks} (the nearest is at "
+            f"{shown_s(truth.t[row])}); t0 is the time of a person's last observed row"
         )
     return truth.x[row], truth.y[row]

@@ -1,21 +1,18 @@
 """`modlhmp export-task`."""
 
-import os
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from modlhmp.cli.app import app
+from modlhmp.cli.app import DATA_ROOT, DataRoot, app
 
 
 @app.command()
 def export_task(
     dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="A dataset file (.yaml).")],
     to: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the files go.")],
-    data_root: Annotated[
-        Path | None, typer.Option(help="Folder of the recordings [default: MODLHMP_DATA, or data]")
-    ] = None,
+    data_root: DataRoot = DATA_ROOT,
     split: Annotated[
         Literal["test", "validation", "train"],
         typer.Option(help="Whose tracks; validation as `evaluate_on: validation` has it."),
@@ -44,9 +41,8 @@ def export_task(
     """
     from modlhmp.tasks import export_task as export  # noqa: PLC0415 - other commands need none of it
 
-    root = data_root or Path(os.environ.get("MODLHMP_DATA") or "data").expanduser()
     task, files = export(
-        dataset, to, root, split=split, form=form, neighbours=neighbours, training=training, forecasts=forecasts
+        dataset, to, data_root, split=split, form=form, neighbours=neighbours, training=training, forecasts=forecasts
     )
     typer.echo(f"{task.about['tasks']} tracks of {task.about['dataset']}, task {task.about['task']}", err=True)
     typer.echo(f"Written: {', '.join(map(str, files))}", err=True)

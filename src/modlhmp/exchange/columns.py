@@ -14,7 +14,7 @@ import pyarrow.csv as pc
 from pyarrow import compute
 
 from modlhmp.settings import unknown
-from modlhmp.storage import DataError, atomic_path, check_held, open_parquet, read_parquet, write_pieces
+from modlhmp.storage import DataError, atomic_path, check_held, no_folder, open_parquet, read_parquet, write_pieces
 
 MOST_HEADER = 10_000  # characters; the names of all columns there are take a hundred
 MOST_TEXT_BYTES = 1 << 28  # of a column of Parquet, in which a text that stands a million times is stored once
@@ -29,6 +29,7 @@ def read_columns(path: str | Path, types: Mapping[str, pa.DataType], empty: Coll
     are counted as lines, those of Parquet from 1 (`line_of`). `DataError` names the file, the row, the value and the
     remedy.
     """
+    no_folder(path)
     table = _parquet(path, types) if Path(path).suffix == ".parquet" else _csv(path, types)
     for place, name in enumerate(table.column_names):
         values = table[name]

@@ -12,7 +12,7 @@ from modlhmp.readers import atc, edinburgh, jupedsim, magni, trajnet
 from modlhmp.readers.delimited import read_delimited
 from modlhmp.readers.raw import FILE_COLUMN, People
 from modlhmp.settings import as_plain
-from modlhmp.storage import DataError, boundary
+from modlhmp.storage import DataError, boundary, no_folder
 from modlhmp.tracks import Tracks
 
 _WHOLE = {"magni": magni.read, "jupedsim": jupedsim.read_sqlite, "hdf5": jupedsim.read_hdf5}
@@ -26,6 +26,7 @@ def read_recording(
     `day` is the local date (ISO), without which rows of every day are kept; `start` is the local time at which a file
     without a clock begins; the rows of so many `days` from then on are kept. `DataError` where a start has no day.
     """
+    no_folder(path)
     try:
         limits, origin = _day_and_origin(form.timezone, day, start, days)
     except DataError as error:

@@ -1,0 +1,5 @@
+"""`python -m modlhmp`."""
+
+from modlhmp.cli import main
+
+main()
