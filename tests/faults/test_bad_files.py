@@ -88,7 +88,7 @@ def test_a_missing_file(tmp_path, form):
 
 @pytest.mark.parametrize("form", GOOD)
 def test_a_folder_in_place_of_a_file(tmp_path, form):
-    refused(tmp_path, form, "cannot be read")
+    refused(tmp_path, form, "a folder; name a file in it")
 
 
 @pytest.mark.parametrize("form", GOOD)
