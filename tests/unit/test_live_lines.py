@@ -271,7 +271,7 @@ def test_rows_of_a_file_and_of_the_input(episodes, tmp_path):
         (("--map", "nowhere.parquet"), 1, "nowhere.parquet: no such file"),
         (("--map", "MAP", "nowhere.jsonl"), 1, "nowhere.jsonl: cannot be read"),
         (("--map", "MAP", "--set", "persons"), 1, "give NAME=VALUE"),
-        (("--map", "MAP", "."), 1, ".: Is a directory; are the rows a file"),
+        (("--map", "MAP", "."), 1, ".: a folder; name a file in it"),
         (("--map", "nowhere.parquet"), 1, "give the file of a map, or its folder of hours"),
         (("--map", "stef"), 1, "--map stef: a kind of map, not a map: build one by `modlhmp map build stef`"),
         (("--map", "MAP", "--set", "horizon_s=3"), 1, "--set 'horizon_s=3': here that is --horizon"),
