@@ -16,11 +16,12 @@ from hypothesis.extra.numpy import arrays
 
 from modlhmp.methods import build_map
 from modlhmp.storage import column, read_parquet, write_parquet
-from modlhmp.study.explorer.look import ASSETS, SCRIPTS, assets_version, page
+from modlhmp.study.explorer.look import ASSETS, SCRIPTS, page
 from modlhmp.study.explorer.pack import Digits, packed, unpacked
 from modlhmp.study.explorer.places import LEAST_PEOPLE, Crowd, distinct, flow, likeliest, places, read_crowd
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import main_output, read_errors
+from modlhmp.study.versions import assets_version
 from modlhmp.tracks import Tracks, write_tracks
 
 
@@ -103,15 +104,14 @@ def test_a_name_cannot_become_markup():
     assert "<b>" not in page("<b>", b"").split("</title>")[0]
 
 
-def test_another_look_is_another_page(monkeypatch, tmp_path):
+def test_another_look_is_another_page(tmp_path):
     """Its files are none that an import tells of."""
-    before = assets_version()
+    before = assets_version(ASSETS)
     for file in ASSETS.iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())
-    monkeypatch.setattr("modlhmp.study.explorer.look.ASSETS", tmp_path)
-    assert assets_version() == before
+    assert assets_version(tmp_path) == before
     (tmp_path / "view.js").write_text("//")
-    assert assets_version() != before
+    assert assets_version(tmp_path) != before
 
 
 def test_every_script_is_in_the_page_and_none_holds_markup():

@@ -15,8 +15,7 @@ from modlhmp import __version__
 from modlhmp.storage import DataError, write_json
 from modlhmp.study.exhibits.table_forms import tables_of
 from modlhmp.study.layout import Layout
-from modlhmp.study.report import facts
-from modlhmp.study.report.look import ASSETS
+from modlhmp.study.report import ASSETS, facts
 from modlhmp.study.report.rule_graph import RuleGraph, columns_of, grouped, picture, without_shortcuts
 
 VOID = {"meta", "link", "img", "br", "input", "hr"}

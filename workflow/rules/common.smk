@@ -21,7 +21,7 @@ from modlhmp.study import running
 from modlhmp.study.killed import killed_jobs
 from modlhmp.study.layout import SUMS, Layout
 from modlhmp.study.report.about import about, files as report_files
-from modlhmp.study.report.look import assets_version
+from modlhmp.study.report import ASSETS as REPORT_ASSETS
 from modlhmp.study.report.rule_graph import rule_graph
 from modlhmp.study.queue_errors import check_queue, check_status_command, remedies
 from modlhmp.study.plan import (
@@ -33,7 +33,7 @@ from modlhmp.study.plan import (
     Plan,
 )
 from modlhmp.study.configuration import check_maps, load_datasets, load_run
-from modlhmp.study.versions import code_version
+from modlhmp.study.versions import assets_version, code_version
 
 # For the jobs, read when PyTorch loads OpenMP: threads that wait by spinning stall other processes.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

@@ -117,7 +117,7 @@ rule write_report:
         about=about(PLAN),
         graph=lambda wildcards: rule_graph(workflow.rules, REPORT_FILES),
         rules={one.rule: one.form for one in EXHIBITS if one.made_in(PLAN)},
-        look=assets_version(),
+        look=assets_version(REPORT_ASSETS),
         caption="The run as a paper: question, data, method, results, claims and limits, every exhibit in its place, "
         "and which rule needs which. Opened from its own folder it leads on to the explorer and to every file.",
         code=code_of("write_report"),

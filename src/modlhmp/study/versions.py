@@ -23,6 +23,11 @@ def code_version(script: str | Path, *modules: str) -> str:
     return digest.hexdigest()[:12]
 
 
+def assets_version(folder: Path) -> str:
+    """Hash of the files of a page's look, `folder`, which are no Python: no import tells of an edit."""
+    return hashlib.sha256(b"".join(file.read_bytes() for file in sorted(folder.iterdir()))).hexdigest()[:12]
+
+
 def project_version(root: str | Path) -> str:
     """Hash of all code of this package and of the workflow under `root`: of what any run may depend on."""
     digest = hashlib.sha256()

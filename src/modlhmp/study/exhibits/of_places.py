@@ -7,8 +7,9 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
-from modlhmp.study.explorer.look import assets_version
+from modlhmp.study.explorer.look import ASSETS
 from modlhmp.study.plan import Plan
+from modlhmp.study.versions import assets_version
 
 
 def _floor_plans(datasets: Iterable[Dataset]) -> list[str]:
@@ -130,7 +131,7 @@ def _explorer_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
             dataset.name: {split: [one.name for one in dataset.of_split(split)] for split in ("train", "test")}
             for dataset in datasets
         },
-        "look": assets_version(),
+        "look": assets_version(ASSETS),
     }
 
 

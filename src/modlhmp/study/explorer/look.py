@@ -1,7 +1,6 @@
 """The page's look and script, and how they become one file with its data, which asks no network."""
 
 import base64
-import hashlib
 import html
 from pathlib import Path
 
@@ -24,14 +23,6 @@ def page(run: str, data: bytes) -> str:
     for name, part in parts.items():
         text = text.replace(f"@@{name}@@", part)
     return text
-
-
-def assets_version() -> str:
-    """Hash of all that the page consists of beside its data: no Python file, so no import tells of it."""
-    digest = hashlib.sha256()
-    for file in sorted(ASSETS.iterdir()):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 def _asset(name):

@@ -36,8 +36,8 @@ def draw(
     """Write `stem`.html.
 
     `methods` maps names to titles in table order, `maps` are the kinds of maps that the run builds, `tracks` the names
-    of the datasets whose people may be shown, `recordings` each one's by split. `look` is
-    `look.assets_version()`, and there so that another look makes the page anew.
+    of the datasets whose people may be shown, `recordings` each one's by split. `look` is the
+    `versions.assets_version` of the page's files, and there so that another look makes it anew.
     """
     del look
     tree = {

@@ -12,8 +12,7 @@ from modlhmp.datasets import Dataset
 from modlhmp.storage import write_text
 from modlhmp.study.exhibits.table_forms import tables_of
 from modlhmp.study.layout import FIGURE_FORMS, TABLE_FORMS, Layout
-from modlhmp.study.report import facts
-from modlhmp.study.report.look import ASSETS
+from modlhmp.study.report import ASSETS, facts
 from modlhmp.study.report.pictures import inline
 from modlhmp.study.report.rule_graph import RuleGraph, grouped, picture
 from modlhmp.version import __version__
