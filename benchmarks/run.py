@@ -185,7 +185,7 @@ def other_maps(train, dataset, folder):
     """STeF, episode and snippet maps."""
     built = []
     taken = seconds(lambda: built.append(stef.build(train, dataset)), repeat=3)
-    for hour in range(*dataset.hours):
+    for hour in np.unique(clock_hours(train.t, dataset.timezone)):
         evaluated = stef.evaluate(built[0], stef.middle_of_hour(hour))
         write_parquet(evaluated, map_path(folder, "stef") / f"{hour:02d}.parquet")
     cell = train.take((np.floor(train.x) == np.floor(train.x[0])) & (np.floor(train.y) == np.floor(train.y[0])))

@@ -76,6 +76,7 @@ class Account:
         """Count whole tracks, with the rows they had, as dropped for `reason`."""
         if tracks:
             self.dropped_tracks[reason] += int(tracks)
+        if rows:
             self.dropped_rows[reason] += int(rows)
 
     def as_dict(self) -> dict[str, Any]:

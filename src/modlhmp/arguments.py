@@ -179,7 +179,7 @@ def path_of(where: str, path: Any) -> Path:
     """A path that the file system can have, whether anything lies there or not."""
     if not isinstance(path, str | PathLike) or not os.fspath(path) or isinstance(os.fspath(path), bytes):
         raise DataError(f"{where}: path {path!r}: give a file's path as text")
-    path = Path(path).expanduser()
+    path = Path(os.path.expanduser(path))  # of pathlib: `~` and a user whom nobody knows are an error of another kind
     try:
         os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):

@@ -176,7 +176,9 @@ def _load(path: str | Path, data_root: str | Path, demo_root: str | Path | None)
 def clean(dataset: Dataset, recording: Recording) -> Tracks:
     """The clean tracks of a recording, as the workflow has them; `DataError` where it cannot be read."""
     if not recording.exists:
-        raise DataError(f"{recording.path}: no such file; put it there, or correct `data_root`")
+        raise DataError(
+            f"{recording.path}: no such file; put it there, or correct `files` in {dataset.name}.yaml, or `data_root`"
+        )
     path = Path(recording.stored, recording.member) if recording.member else Path(recording.path)
     tracks, account = clean_recording(path, dataset, recording)
     tell_of_faults(recording.path, account)

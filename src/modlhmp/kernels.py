@@ -218,7 +218,9 @@ def _named_place():
     named, caches = os.environ.get("MODLHMP_CACHE_DIR"), os.environ.get("XDG_CACHE_HOME", "")
     if not named:
         named = os.path.join(caches if os.path.isabs(caches) else "~/.cache", "modlhmp")
-    return Path(os.path.realpath(Path(named).expanduser())), 0o022  # a link of the user's own is one that we may follow
+    return Path(
+        os.path.realpath(os.path.expanduser(named))
+    ), 0o022  # a link of the user's own is one that we may follow
 
 
 def _temporary_place():

@@ -212,12 +212,18 @@ def _within(keys: str, text: str) -> str:
 
 
 def _mistaken_flags(hint: Any, value: Any, path: tuple[Any, ...] = (), meaning: str = "") -> Iterable[Any]:
-    """Where true or false stands for a number, or a number for these (pydantic takes both): paths and messages."""
+    """Where true or false stands for a number, or a number for these, or one has no end: paths and messages.
+
+    Pydantic takes them all.
+    """
     hint = _branch(hint, value)
     several = typing.get_args(hint) if typing.get_origin(hint) in {typing.Union, types.UnionType} else ()
+    types_of = {hint, *(_branch(one, value) for one in several)}
     about = f" ({meaning})" if meaning else ""
-    if isinstance(value, bool) and {hint, *(_branch(one, value) for one in several)} & {int, float}:
+    if isinstance(value, bool) and types_of & {int, float}:
         yield path, f"{_dotted(path)}: {value} is not a number{about}"
+    elif int in types_of and str not in types_of and _is_too_long(value):
+        yield path, f"{_dotted(path)}: a whole number of more than 18 digits; give a smaller one{about}"
     elif hint is bool and isinstance(value, int | float) and not isinstance(value, bool):
         yield path, f"{_dotted(path)}: {value!r} is not true or false{about}"
     elif isinstance(value, Mapping) and dataclasses.is_dataclass(hint):
@@ -231,6 +237,13 @@ def _mistaken_flags(hint: Any, value: Any, path: tuple[Any, ...] = (), meaning: 
     elif isinstance(value, list | tuple) and typing.get_origin(hint) in {tuple, list}:
         for number, one in enumerate(_parts(hint, value)):
             yield from _mistaken_flags(one, value[number], (*path, number), meaning)
+
+
+def _is_too_long(value: Any) -> bool:
+    """Whether a whole number, or the text of one, may not fit 64 bits."""
+    if isinstance(value, str):
+        return len(value) > 18 and value.lstrip("+-").isdigit()
+    return isinstance(value, int) and abs(value) >= 10**18
 
 
 def _explained(cls: type, errors: Iterable[Any], known: Iterable[Any]) -> dict[tuple[Any, ...], str]:

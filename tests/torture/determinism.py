@@ -98,8 +98,22 @@ def made(folder: Path, how: Varied) -> dict[str, Any]:
         how.prepare(folder)
     _snakemake(folder, how, "--cores", how.cores, *TINY, "--", "certify")
     if how.again:
-        for rule in sorted(_rules(folder)):
-            _snakemake(folder, how, "--cores", how.cores, *TINY, "--forcerun", rule, "--", "certify")
+        for rule in sorted(_rules(folder)):  # and no more than it: what is made of its files is as old as before
+            alone = ("--forcerun", rule, "--until", rule, "--rerun-triggers", "code")
+            _snakemake(folder, how, "--cores", how.cores, *TINY, *alone, "--", "certify")
+        _snakemake(
+            folder,
+            how,
+            "--cores",
+            how.cores,
+            *TINY,
+            "--forcerun",
+            "certify",
+            "--rerun-triggers",
+            "code",
+            "--",
+            "certify",
+        )
     return read_json(folder / CERTIFICATE)
 
 

@@ -53,6 +53,9 @@ def test_a_path_may_begin_at_home(tmp_path, monkeypatch):
     assert modlhmp.load_map("~/map.parquet").kind == "episodes"
     (tmp_path / "a.csv").write_text(CSV)
     assert len(modlhmp.read_tracks("~/a.csv", **NAMED).t) == 18
+    monkeypatch.chdir(tmp_path)
+    a_map.save("~nobody_of_this_name")  # as a shell does it: a file of that name
+    assert (tmp_path / "~nobody_of_this_name").is_file()
 
 
 def test_a_map_by_hours_replaces_what_lay_in_its_folder(tmp_path):
@@ -307,6 +310,11 @@ def test_places_where_no_map_can_be_saved(tmp_path):
 
 def test_forecasts_that_no_memory_holds():
     refused("k 1000000000000", modlhmp.forecast, modlhmp.build_map("cliff", PEOPLE), STRAIGHT, k=10**12)
+    for digits in (18, 400, 5000):  # more than a float, and than Python writes out, hold
+        for k in (10**digits, -(10**digits), "9" * digits + "9"):
+            refused(
+                "k: a whole number of more than 18", modlhmp.forecast, modlhmp.build_map("cliff", PEOPLE), STRAIGHT, k=k
+            )
 
 
 @pytest.mark.parametrize(

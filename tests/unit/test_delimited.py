@@ -524,6 +524,12 @@ def test_plain_and_other_ids_in_one_file_are_what_each_is(write, monkeypatch, bl
         ("", np.nan),
         (".5", 0.5),
         ("1.", 1.0),
+        ("-inf", -np.inf),
+        ("+nan", np.nan),
+        ("--inf", None),
+        ("-+nan", None),
+        ("--1", None),
+        ("-", None),
     ],
 )
 def test_numbers_are_read_strictly(text, found):

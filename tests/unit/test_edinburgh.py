@@ -127,6 +127,7 @@ def test_a_track_without_a_usable_point_is_counted(write):
     tracks, account = read_raw(write(text_of({1: ["[a b c]"], 2: [(1, 1, 1)]})))
     assert tracks.track_id.tolist() == [2]
     assert dict(account.dropped_tracks) == {"no_usable_point": 1}
+    assert dict(account.dropped_rows) == {"text_value": 1}  # nothing is named that was not dropped
 
 
 def test_a_second_track_of_the_same_number_is_counted(write):

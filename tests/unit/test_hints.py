@@ -153,3 +153,9 @@ def test_a_text_to_choose_rows_by_that_no_row_has(tmp_path):
     form = check(FileFormat, {"header": True, "columns": PLACES, "without": {"k": ["car"]}}, "test")
     tracks, _ = clean_recording(path, form, Recording())  # a recording without cars is one
     assert len(tracks.t) == len(ROWS)
+
+
+def test_a_preamble_before_a_line_that_is_longer_than_what_is_looked_at(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("walks\n\n" + "id,t,x,y" + "," * 60_000 + "\n1,2,3,4\n")
+    assert "set `skip_lines: 2`" in refusal(path, header=True, columns=PLACES)

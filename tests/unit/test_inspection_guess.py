@@ -508,3 +508,10 @@ def test_other_tables_are_refused_with_the_reason(tmp_path, content, told):
     path = tmp_path / "a.csv"
     path.write_text(content)
     assert told in refused(path)
+
+
+def test_columns_of_nothing_are_no_table(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text(",,,,\n" * 20)
+    with pytest.raises(DataError, match="holds no table"):
+        inspect_file(path)

@@ -1,5 +1,6 @@
 """The program `modlhmp` and its version; each verb stands in a module beside this one."""
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -20,11 +21,15 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _at_home(folder: Path) -> Path:
+    return Path(os.path.expanduser(folder))
+
+
 DataRoot = Annotated[  # of every verb that takes a dataset file; its default is `DATA_ROOT`
     Path,
     typer.Option(
         "--data-root", metavar="FOLDER", envvar="MODLHMP_DATA", help="Folder of a dataset file's recordings.",
-        callback=Path.expanduser,
+        callback=_at_home,
     ),
 ]  # fmt: skip
 DATA_ROOT = Path("data")

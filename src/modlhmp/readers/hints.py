@@ -14,13 +14,14 @@ _OF_BLANKS = "has columns separated by blanks: use `reader: text`"
 
 def hint(block: bytes, layout: Mapping[str, Any]) -> str:
     """What the first lines of a file look like, and the option to set; empty where nothing is known."""
-    lines = [line for line in block[:_LOOKED_AT].decode("utf-8", "replace").splitlines() if line.strip()]
+    all_lines = block[:_LOOKED_AT].decode("utf-8", "replace").splitlines()
+    lines = [line for line in all_lines if line.strip()]
     if not lines:
         return ""
     separator = layout.get("separator", ",")
     told = _of_separator(lines, separator)
     if not told and separator is not None and not layout.get("skip_lines"):
-        told = _of_preamble(block, [line.strip() for line in lines], separator)
+        told = _of_preamble(all_lines, separator)
     return told or _of_fields(lines, layout) or _of_encoding(block)
 
 
@@ -42,14 +43,12 @@ def _of_separator(lines, separator):
     return ""
 
 
-def _of_preamble(block, lines, separator):
+def _of_preamble(lines, separator):
     """How many lines stand before the table."""
     widths = [line.count(separator) for line in lines]
-    begins = next((n for n, width in enumerate(widths) if width >= 2 and width == max(widths)), 0)
-    if not begins:
+    number = next((n for n, width in enumerate(widths) if width >= 2 and width == max(widths)), 0)
+    if not any(line.strip() for line in lines[:number]):
         return ""
-    before = block.decode("utf-8", "replace").splitlines()
-    number = next(n for n, line in enumerate(before) if line.strip() == lines[begins])
     return f"has {number} lines before its table: set `skip_lines: {number}`"
 
 

@@ -14,7 +14,7 @@ def number(text: str, decimal: str = ".", thousands: str = "") -> float | None:
     text = text.strip(" \t\r\f\v")
     if not text:
         return float("nan")
-    if text.lstrip("+-").lower() in _SPECIAL:
+    if text.removeprefix("+" if text[0] == "+" else "-").lower() in _SPECIAL:
         return float(text)
     if thousands and thousands in text:
         whole, mark, rest = text.partition(decimal)
