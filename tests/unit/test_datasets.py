@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from modlhmp.cleaning import RULES, clean_recording
-from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, folds, load_dataset, validation_part
+from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, clean, folds, load_dataset, validation_part
 from modlhmp.file_format import Recording
 from modlhmp.ids import id_of
 from modlhmp.readers import files, read_recording
@@ -216,6 +216,13 @@ def test_a_dataset_file_gets_its_defaults(load):
     assert dataset.paper_protocol.idle_filter is None
     assert [recording.name for recording in dataset.recordings] == ["a", "b"]
     assert all(recording.exists for recording in dataset.recordings)
+
+
+def test_a_recording_that_is_not_there_is_told_with_the_file_that_names_it(load, tmp_path):
+    (tmp_path / "a.csv").unlink()
+    dataset = load()
+    with pytest.raises(DataError, match=r"a\.csv: no such file; .* `files` in mine\.yaml"):
+        clean(dataset, next(one for one in dataset.recordings if one.path.endswith("a.csv")))
 
 
 def test_a_loaded_dataset_can_be_read(load):
