@@ -36,6 +36,10 @@ except DataError as error:
     raise WorkflowError(f"\n{error}") from None
 
 
+# As of workflow/Snakefile.
+container: "docker://localhost/modlhmp"
+
+
 wildcard_constraints:
     site="|".join(SWEEP.names),
 
@@ -93,7 +97,6 @@ rule gather:
     params:
         sites=SWEEP.names,
         reference=SWEEP.settings.reference,
-        exhibits=SWEEP.exhibits,
         demo=is_demo(),
         code=project_version(ROOT),
     message:
