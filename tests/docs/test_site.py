@@ -6,7 +6,7 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 import pytest
 from browser import CHROMIUM
@@ -256,6 +256,45 @@ def test_no_page_is_wider_than_a_telephone(root):
     (root / "wide.html").unlink()
     assert wide.pop("wide.html") > PHONE and len(wide) > 40  # what is too wide is seen
     assert {name: width for name, width in wide.items() if width > PHONE} == {}
+
+
+@pytest.mark.parametrize(
+    ("asked", "page", "told"),
+    [
+        ("without_map", "configuration", "of maps by hours, in an hour that has none"),
+        ("sampling_radius_m", "configuration", "[m]"),
+        ("observed_rows", "configuration", "rows that a forecaster sees"),
+        ("homography", "configuration", "three rows of three numbers"),
+        ("half_life_h", "api", "half"),
+        ("Equation 2", "method", "K"),
+        ("Algorithm 1", "method", "MoD-LHMP"),
+        ("mean_heading", "maps", "rad"),
+        ("FDE", "glossary", "final displacement error"),
+        ("FreMEn", "glossary", "periodic parts"),
+    ],
+)
+def test_a_name_is_found_by_the_search_at_once(searched, asked, page, told):
+    """An option, an equation, a column, a word: the first that is found is the place that says what it is."""
+    searched.send("Page.navigate", url=f"{searched.site}/search.html?q={quote(asked)}")
+    searched.until("document.querySelector('#search-results li a') !== null")
+    searched.until("/finished|found/.test(document.querySelector('.search-summary').textContent)")
+    first = searched.ask("document.querySelector('#search-results li a').href")
+    called = searched.ask("document.querySelector('#search-results li a').textContent")
+    assert asked.lower().replace(" ", "-") in called, called  # not as the page is that it is on
+    assert re.search(rf"/({page})\.html#.", first), first
+    searched.send("Page.navigate", url=first.partition("#")[0])
+    searched.until("document.readyState === 'complete' && location.href.includes('.html') && !/search/.test(location)")
+    place = first.partition("#")[2]
+    assert told in searched.ask(f"document.getElementById({place!r}).textContent")
+
+
+@pytest.fixture(scope="module")
+def searched(root):
+    if CHROMIUM is None:
+        pytest.skip("no Chromium")
+    with Browser(root / "search.html") as page:
+        page.site = root.as_uri()
+        yield page
 
 
 # --- links of the sources --------------------------------------------------------------------------------------------
