@@ -21,7 +21,7 @@ def forecast(
     ],
     tracks: Annotated[str, typer.Option(metavar="FILE", help="What is seen of people; - reads CSV from a stream.")],
     horizon: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="How far [default: the horizon of the map's site]")
+        float | None, typer.Option(metavar="SECONDS", help="How far [default: as the map's site, or the dataset, says]")
     ] = None,
     out: Annotated[
         str, typer.Option(metavar="FILE", help="The forecasts: .csv, .parquet, .ndjson (TrajNet++); - is CSV.")
