@@ -39,7 +39,8 @@ class NamesInTheIndex(SphinxTransform):
             section = row
             while not isinstance(section, nodes.section):
                 section = section.parent
-            place = re.sub(r"[^\w.-]+", "-", f"row-{section['ids'][0]}.{names[0]}")
+            within = "" if section.parent is self.document else f"{section['ids'][0]}."
+            place = re.sub(r"[^\w.-]+", "-", f"row-{within}{names[0]}")
             while place in self.document.ids:
                 place += "-"
             row["ids"].append(place)
