@@ -6,7 +6,6 @@ Needs a Chromium. The time is what the page's own script takes; what the browser
 """
 
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -21,7 +20,7 @@ GOAL_MS, SECONDS = 8.0, 20.0
 def main(path: str) -> int:
     """Play each layer, one map and two; 1 if a median misses the goal."""
     missed = 0
-    with tempfile.TemporaryDirectory() as profile, Page(path, profile) as page:
+    with Page(path) as page:
         page.until("document.documentElement?.dataset.ready === 'yes'")
         for two in (False, True):
             if two:

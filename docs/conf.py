@@ -13,7 +13,7 @@ import modlhmp
 ROOT = repository.ROOT
 project, author, release = "modlhmp", "The modlhmp developers", modlhmp.__version__
 copyright = author
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.linkcode", "docstrings", "mathml", "repository"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.linkcode", "docstrings", "finding", "mathml", "repository"]
 nitpicky = True
 
 # Markdown as forges read it, with formulas, images by tag where they have a width, and anchors of headings.
@@ -46,6 +46,7 @@ html_css_files = ["site.css"]
 html_copy_source = False
 html_show_sourcelink = False
 html_show_sphinx = False
+html_search_scorer = str(ROOT / "docs/_ext/scorer.js")
 pygments_style, pygments_dark_style = "a11y-high-contrast-light", "a11y-high-contrast-dark"
 LIGHT = {
     "color-brand-primary": "#0b5c7a",

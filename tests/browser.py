@@ -1,9 +1,13 @@
 """A page in headless Chromium, asked over its DevTools protocol: what it shows, with real pointers, keys and files."""
 
 import base64
+import contextlib
 import json
+import os
 import shutil
+import signal
 import subprocess
+import tempfile
 import time
 from pathlib import Path
 from urllib.request import urlopen
@@ -31,16 +35,24 @@ _CODES = {
 
 
 class Page:
-    """One page of one browser; `faults` are its errors and warnings, `asked` what it wanted from a network."""
+    """One page of one browser; `faults` are its errors and warnings, `asked` what it wanted from a network.
 
-    def __init__(self, path, profile, width=1280, height=850, dark=False, phone=False):
+    What the browser writes is in a folder of its own, `home`, which goes with it: short, since a socket lies in it.
+    """
+
+    def __init__(self, path, width=1280, height=850, dark=False, phone=False):
         self.faults, self.asked, self._number = [], [], 0
+        self._folder = tempfile.TemporaryDirectory(prefix="chromium-", ignore_cleanup_errors=True)
+        self.home = Path(self._folder.name)
+        profile = self.home / "profile"
         self._browser = subprocess.Popen(
             [CHROMIUM, *OPTIONS, f"--user-data-dir={profile}", "about:blank"],
+            env=os.environ | dict.fromkeys(("TMPDIR", "HOME", "XDG_CONFIG_HOME", "XDG_CACHE_HOME"), str(self.home)),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
+            start_new_session=True,
         )
-        port_file = Path(profile) / "DevToolsActivePort"
+        port_file = profile / "DevToolsActivePort"
         self._wait(lambda: port_file.exists() and port_file.read_text().strip(), "the browser does not start")
         port = port_file.read_text().split()[0]
         pages = json.load(urlopen(f"http://127.0.0.1:{port}/json/list"))
@@ -71,6 +83,9 @@ class Page:
         except subprocess.TimeoutExpired:
             self._browser.kill()
             self._browser.wait()
+        with contextlib.suppress(ProcessLookupError):  # its children, which write until they end
+            os.killpg(self._browser.pid, signal.SIGKILL)
+        self._folder.cleanup()
 
     def send(self, method, **params):
         """The answer to one command; events that come before it are noted."""

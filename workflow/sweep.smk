@@ -36,6 +36,10 @@ except DataError as error:
     raise WorkflowError(f"\n{error}") from None
 
 
+# As of workflow/Snakefile.
+container: "docker://localhost/modlhmp"
+
+
 wildcard_constraints:
     site="|".join(SWEEP.names),
 
@@ -48,11 +52,14 @@ def gathered():
         yield site, pd.read_parquet(numbers) if Path(numbers).exists() else failed
 
 
+def is_demo():
+    return any(SWEEP.site(site).dataset.demo for site in SWEEP.names)
+
+
 def write_gathered():
     """Write the table of what there is, and return why the other sites are not in it."""
     found = dict(gathered())
-    demo = any(SWEEP.site(site).dataset.demo for site in SWEEP.names)
-    write_sites(found, SWEEP.settings.reference, SWEEP.exhibits, demo)
+    write_sites(found, SWEEP.settings.reference, SWEEP.exhibits, is_demo())
     return {site: why for site, why in found.items() if isinstance(why, str)}
 
 
@@ -82,19 +89,20 @@ rule gather:
     output:
         multiext(f"{SWEEP.exhibits}/sites", ".csv", ".md", ".html", ".tex"),
         f"{SWEEP.exhibits}/by_site.csv",
+    log:
+        SWEEP.log("gather.sites"),
     resources:
         mem_mb=500,
         runtime=10,
     params:
+        sites=SWEEP.names,
         reference=SWEEP.settings.reference,
+        demo=is_demo(),
         code=project_version(ROOT),
     message:
         "The table across {SWEEP.settings.sweep}'s sites"
-    run:
-        with job_log(log[0]):
-            write_sites(
-                dict(gathered()), params.reference, SWEEP.exhibits, is_demo()
-            )
+    script:
+        "scripts/gather_sites.py"
 
 
 rule site:

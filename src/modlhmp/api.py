@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.arguments import (
-    check_tracks,
+    checked_site,
     free_kind,
     last_rows,
     map_kind,
@@ -19,6 +19,7 @@ from modlhmp.arguments import (
     path_of,
     site_from,
     site_of,
+    tracks_of,
     truth_of,
     uses_recorded,
 )
@@ -39,7 +40,7 @@ from modlhmp.settings import as_plain, check, unknown
 from modlhmp.site import Site
 from modlhmp.storage import DataError, boundary, write_parquet
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import Tracks, together
+from modlhmp.tracks import Tracks
 from modlhmp.tracks import read_tracks as read_clean_tracks
 
 KEY = ("modlhmp", "forecast", "")  # takes the place of (dataset, method, recording) in the random numbers
@@ -64,8 +65,8 @@ def read_tracks(
     a header), `units`, `separator`, `timezone`, `time_step_s`, `cleaning`, `reader` ... `day` (ISO date) keeps the rows
     of that local day only; `start`, such as "09:00", is the clock time of a file whose times begin at 0 on that day.
     A clean recording of the workflow (.parquet) is read as it is. Of a dataset file (.yaml) all recordings are read, or
-    those of one `split`; they lie under `data_root`, and get track ids of their own. Faulty rows are dropped, and a
-    warning of the logger `modlhmp` counts them and shows the first.
+    those of one `split`; they lie under `data_root`, and where two share a track id all get others. Faulty rows are
+    dropped, and a warning of the logger `modlhmp` counts them and shows the first.
     `DataError` names the file, the row or option, the value and the remedy.
     """
     path = path_of("read_tracks", path)
@@ -78,13 +79,14 @@ def read_tracks(
     if suffix == ".parquet":
         return read_clean_tracks(path)
     if is_dataset:
-        from modlhmp.datasets import clean, load_dataset  # noqa: PLC0415 - only dataset files need it
+        from modlhmp.datasets import load_dataset  # noqa: PLC0415 - only dataset files need it
+        from modlhmp.recordings import clean_all  # noqa: PLC0415
 
         root = path.parent if data_root is None else path_of("read_tracks, data_root", data_root)
         dataset = load_dataset(path, root)
         if split not in (None, *(one.split for one in dataset.recordings)):
             raise DataError(f"read_tracks: {path}: split {split!r}: it has `train` and `test`")
-        return together(clean(dataset, one) for one in dataset.of_split(split))
+        return clean_all(dataset, split)[0]
     columns = form.get("columns")
     by_name = isinstance(columns, Mapping) and any(isinstance(column, str) for column in columns.values())
     if day is not None and not (isinstance(day, str) and day):
@@ -168,16 +170,16 @@ class Map:
 def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: Any) -> Map:
     """Build a kind of map from tracks: `cliff`, `stef`, `episodes`, `snippets`, `pooled` ..., or of another package.
 
-    `site` gives the time zone and the time step (default: UTC, 1 s); `building` are the kind's own options, such as
-    `resolution_m=0.5` (`modlhmp kinds NAME` lists them). `DataError` for a wrong kind or option, or tracks whose rows
-    are not a time step apart.
+    `site` gives the time zone and the time step (default: UTC, and the step of the tracks); `building` are the kind's
+    own options, such as `resolution_m=0.5` (`modlhmp kinds NAME` lists them). `DataError` for a wrong kind or option,
+    or tracks whose rows are not a time step apart.
     """
     if not isinstance(kind, str):
         given = type(kind).__name__
         raise DataError(f"kind: {given} given; the kind comes first: build_map('cliff', tracks)")
-    site, record = site_of(site), map_kind(kind)
+    record = map_kind(kind)
     options: Any = check(record.building, building, f"build_map({kind!r})")  # type: ignore[arg-type]
-    check_tracks("build_map", tracks, site)
+    site = checked_site("build_map", tracks, site)
     if not (np.isfinite(tracks.x).all() and np.isfinite(tracks.y).all()):
         raise DataError("build_map: a position is not a number; leave such rows out")
     if len(tracks.t) and np.diff(tracks.bounds()).max() < 2:
@@ -244,9 +246,12 @@ def forecast(
     `k` is the number of futures, `options` are the method's others (`modlhmp kinds NAME`). `exits` says whether
     futures may leave; a map that is sampled needs the ways out for that, a map of kind `exits`. Random numbers depend
     on `seed`, the track's id, and `key`, for which the workflow gives (dataset, method, recording). `site` is the
-    map's; give one for a kind without a map.
+    map's; of a kind without a map the default has the time step of the history.
     `DataError` names the argument, its value and the remedy.
     """
+    if not isinstance(by, Map):
+        free_kind(by)
+        site = checked_site("history", tracks_of(history), site)
     asked = predictor(by, horizon_s, seed, k=k, key=key, exits=exits, site=site, **options)
     observed = last_rows(history, asked.site, uses_recorded(asked.options, asked.site))
     if isinstance(by, Map):

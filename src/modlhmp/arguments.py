@@ -14,14 +14,16 @@ from modlhmp.futures import Futures
 from modlhmp.kinds import Kind, all_kinds, find
 from modlhmp.scoring.errors import ground_truth, left_out
 from modlhmp.settings import as_plain, check
-from modlhmp.site import Site, check_site
+from modlhmp.site import MOST_STEP_S, Site, check_site
 from modlhmp.storage import DataError
-from modlhmp.tracks import MAX_GAP_S, Tracks, usable_tracks
+from modlhmp.tracks import MAX_GAP_S, Tracks, usable_tracks, usual_step
 
 LATEST_S = 1e11  # of a time in unix s: the year 5138; one in ms is beyond
 FASTEST_M_S = 100.0  # a recorded speed beyond is in another unit
 USUAL_M_S = 10.0  # of half of all steps: nobody walks so
 START_M = 1.0  # what a history may differ from the truth at t0
+STEPS_APART = (0.8, 1.25)  # of rows that need no resampling, in time steps
+EVEN, OFF_GRID = 0.9, 0.2  # of the rows are so near, in time steps, to a whole number of them, or these are in doubt
 
 
 def site_of(site: Any, of_map: Site | None = None) -> Site:
@@ -34,6 +36,29 @@ def site_of(site: Any, of_map: Site | None = None) -> Site:
     if of_map is not None and checked != of_map:
         raise DataError("site: the map has a site of its own, and this one differs from it; leave it out")
     return checked
+
+
+def site_of_tracks(where: str, tracks: Tracks, **more: Any) -> Site:
+    """The site of tracks of which nothing is said but `more`: its time step is the median of theirs.
+
+    The horizon is the usual one, to the next whole time step. `DataError` where rows are not on a grid of time steps,
+    of which some may be missing.
+    """
+    step_s = usual_step(tracks)
+    if np.isnan(step_s):
+        return Site(**more)
+    if not step_s <= MOST_STEP_S:
+        raise DataError(f"{where}: tracks have a row every {step_s:g} s, at most {MOST_STEP_S:g}; are the times in ms?")
+    apart = np.diff(tracks.t)[np.diff(tracks.track_id) == 0] / step_s
+    if (even := np.mean(np.abs(apart - np.maximum(np.rint(apart), 1)) <= OFF_GRID)) < EVEN:
+        raise DataError(
+            f"{where}: the time step of the tracks is in doubt: their rows are {step_s:.4g} s apart in the median, but "
+            f"{1 - even:.0%} of them are not; bring them to one step by read_tracks, or say it: Site(time_step_s=...)"
+        )
+    low, high = np.quantile(apart, [0.25, 0.75]) * step_s  # clocks jitter: 1 s where that is among the usual steps
+    rounded = (float(f"{step_s:.{digits}g}") for digits in range(1, 6))
+    step_s = next((one for one in rounded if low <= one <= high), round(step_s, 6))
+    return site_from({"time_step_s": step_s, "horizon_s": round(Site().horizon_s / step_s) * step_s, **more}, where)
 
 
 def site_from(plain: Any, where: str) -> Site:
@@ -76,8 +101,8 @@ def free_kind(name: str) -> Kind:
     return record
 
 
-def check_tracks(where: str, tracks: Tracks, site: Site) -> None:
-    """Whether it is a track table, sorted, with its rows a time step apart; `DataError`."""
+def check_tracks(where: str, tracks: Tracks, site: Site | None = None) -> None:
+    """Whether it is a track table, sorted, its rows a time step of the site apart, if there is one; `DataError`."""
     if not isinstance(tracks, Tracks):
         given = type(tracks).__name__
         raise DataError(
@@ -110,8 +135,10 @@ def check_tracks(where: str, tracks: Tracks, site: Site) -> None:
         raise DataError(
             f"{where}: half of all steps are faster than {usual:.3g} m/s; are positions in m (not cm, mm), times in s?"
         )
-    step = float(np.median(apart)) if len(apart) else site.time_step_s
-    if not 0.8 <= step / site.time_step_s <= 1.25:
+    if site is None or not len(apart):
+        return
+    step = float(np.median(apart))
+    if not STEPS_APART[0] <= step / site.time_step_s <= STEPS_APART[1]:
         raise DataError(
             f"{where}: tracks have a row every {step:g} s, the site's time_step_s is {site.time_step_s:g}; "
             + (
@@ -120,6 +147,16 @@ def check_tracks(where: str, tracks: Tracks, site: Site) -> None:
                 else "give read_tracks and Site the same one"
             )
         )
+
+
+def checked_site(where: str, tracks: Tracks, site: Any) -> Site:
+    """The site asked for, or where there is none that of the tracks; and whether they are tracks of it."""
+    if site is not None:
+        site = site_of(site)
+        check_tracks(where, tracks, site)
+        return site
+    check_tracks(where, tracks)
+    return site_of_tracks(where, tracks)
 
 
 def _of_file(value: Any) -> str:
@@ -134,7 +171,7 @@ def uses_recorded(options: Any, site: Site) -> bool:
 
 def last_rows(history: Tracks | np.ndarray, site: Site, recorded: bool = False) -> Observed:
     """The last rows of each walker, as a forecaster sees them; with speeds and headings if it uses `recorded` ones."""
-    tracks = history if isinstance(history, Tracks) else _from_array(history)
+    tracks = tracks_of(history)
     check_tracks("history", tracks, site)
     if not len(tracks.t):
         raise DataError("history: it has no rows; is anyone there at that time (t is in unix s)?")
@@ -163,8 +200,10 @@ def last_rows(history: Tracks | np.ndarray, site: Site, recorded: bool = False) 
     return Observed(whose, *(column[rows] for column in tracks[1:]), nobody)  # type: ignore[call-arg]
 
 
-def _from_array(history: np.ndarray) -> Tracks:
-    """Tracks of an array [rows, 3] or [n, rows, 3] of t, x, y; walkers are numbered from 0."""
+def tracks_of(history: Tracks | np.ndarray) -> Tracks:
+    """Tracks as they are, or of an array [rows, 3] or [n, rows, 3] of t, x, y, whose walkers are numbered from 0."""
+    if isinstance(history, Tracks):
+        return history
     array = numbers("history", history)
     if array.ndim == 2:
         array = array[None]

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Le, MaxLen, MinLen
 
-from modlhmp.cleaning import are_polygons, check_rules, clean_recording, tell_of_faults
+from modlhmp.cleaning import are_polygons, check_rules
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.files import IN_NAME, check_different, day_in_name, find_files, names_of, recording_at
@@ -20,7 +20,6 @@ from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
 from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError, boundary
-from modlhmp.tracks import Tracks
 from modlhmp.yaml_file import read_yaml
 
 VALIDATION_DAYS = 0.3
@@ -171,18 +170,6 @@ def _load(path: str | Path, data_root: str | Path, demo_root: str | Path | None)
         **own, "name": name, "label": label, "recordings": recordings,
         "floor_plan": _floor_plan_files(file, root),
     })  # fmt: skip
-
-
-def clean(dataset: Dataset, recording: Recording) -> Tracks:
-    """The clean tracks of a recording, as the workflow has them; `DataError` where it cannot be read."""
-    if not recording.exists:
-        raise DataError(
-            f"{recording.path}: no such file; put it there, or correct `files` in {dataset.name}.yaml, or `data_root`"
-        )
-    path = Path(recording.stored, recording.member) if recording.member else Path(recording.path)
-    tracks, account = clean_recording(path, dataset, recording)
-    tell_of_faults(recording.path, account)
-    return tracks
 
 
 def divided(path: str | Path, recordings: Sequence[Recording]) -> tuple[Recording, ...]:

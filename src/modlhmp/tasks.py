@@ -7,10 +7,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.datasets import Dataset, clean, load_dataset, validation_part
+from modlhmp.datasets import Dataset, load_dataset, validation_part
 from modlhmp.exchange.hand_in import HandIn, read_hand_in, write_hand_in
 from modlhmp.exchange.task import Task, make_task, write_task
 from modlhmp.forecasting.files import read_forecasts
+from modlhmp.recordings import clean
 from modlhmp.scoring.errors import nan_mean
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.protocols import PROTOCOLS

@@ -193,8 +193,8 @@ def test_the_study_of_the_tutorial_is_planned(tmp_path, monkeypatch):
     Path("monday.yaml").write_text(draft)
     (lines,) = (code for kind, code in BLOCKS["docs/tutorial.md"] if kind == "console")
     copy, run = (line.removeprefix("$ ") for line in lines.splitlines())
-    assert run.startswith("snakemake ")
-    code = f"{copy}\n{sys.executable} -m {run} -n"
+    assert run.startswith(".venv/bin/snakemake ")
+    code = f"{copy}\n{sys.executable} -m {run.removeprefix('.venv/bin/')} -n"
     done = subprocess.run(["bash", "-ec", code], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "Clean monday" in done.stdout and "paper_figures/mine" in done.stdout

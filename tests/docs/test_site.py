@@ -6,7 +6,7 @@ import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
-from urllib.parse import unquote, urlsplit
+from urllib.parse import quote, unquote, urlsplit
 
 import pytest
 from browser import CHROMIUM
@@ -166,6 +166,7 @@ def test_text_can_be_read(mode, root):
 
 # --- in a browser ---------------------------------------------------------------------------------------------------
 
+PHONE = 390  # px wide
 SEEN = ("index", "method", "api", "results-claims", "notebooks/02-a-cliff-location", "files/src/modlhmp/maps/cliff.py")
 # [contrast, colours, words] of the text that is hardest to read.
 HARDEST = """(() => {
@@ -193,12 +194,12 @@ HARDEST = """(() => {
 
 
 @pytest.fixture(scope="module", params=["light", "dark", "phone"])
-def opened(request, root, tmp_path_factory):
+def opened(request, root):
     """(name, function that opens a page of the site) in a browser that likes it light, dark, or is a telephone."""
     if CHROMIUM is None:
         pytest.skip("no Chromium")
-    how = {"dark": request.param == "dark"} | ({"phone": True, "width": 390} if request.param == "phone" else {})
-    with Browser(root / "index.html", tmp_path_factory.mktemp("profile"), **how) as page:
+    how = {"dark": request.param == "dark"} | ({"phone": True, "width": PHONE} if request.param == "phone" else {})
+    with Browser(root / "index.html", **how) as page:
 
         def opens(name):
             page.send("Page.navigate", url=(root / f"{name}.html").as_uri())
@@ -210,14 +211,90 @@ def opened(request, root, tmp_path_factory):
 
 @pytest.mark.parametrize("name", SEEN)
 def test_a_page_can_be_read_and_asks_nobody(opened, name):
-    """Every text against what is behind it, as the browser draws it; a telephone need not scroll sideways."""
+    """Every text against what is behind it, as the browser draws it."""
     how, opens = opened
     page = opens(name)
     ratio, colours, words = page.ask(HARDEST)
     assert ratio >= AA, (how, colours, words)
     assert page.faults == []
     assert {address.partition(":")[0] for address in page.asked} <= {"file", "data", "about"}
-    assert page.ask("document.documentElement.scrollWidth <= innerWidth"), how
+
+
+def test_a_browser_leaves_nothing_behind(root):
+    """Neither its profile nor its socket, which would lie in /tmp, nor a process that goes on writing."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium")
+    with Browser(root / "index.html") as page:
+        page.until("document.readyState === 'complete'")
+        home = page.home
+        assert {"profile"} < {file.name.partition(".")[0] for file in home.iterdir()}
+    assert not home.exists()
+    left = [file for file in Path("/proc").glob("[0-9]*/cmdline") if str(home).encode() in _read(file)]
+    assert left == []
+
+
+def _read(file):
+    try:
+        return file.read_bytes()
+    except OSError:  # it has ended
+        return b""
+
+
+def test_no_page_is_wider_than_a_telephone(root):
+    """Wide tables, code and formulas scroll in boxes of their own. A telephone's `innerWidth` grows with the page."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium")
+    names = [file.relative_to(root).as_posix() for file in root.rglob("*.html")]
+    names = [name for name in names if not name.startswith("files/")] + ["files/src/modlhmp/maps/cliff.py.html"]
+    (root / "wide.html").write_text('<meta name="viewport" content="width=device-width"><p style="width: 500px">wide')
+    with Browser(root / "index.html", phone=True, width=PHONE) as page:
+        wide = {}
+        for name in [*names, "wide.html"]:
+            page.send("Page.navigate", url=(root / name).as_uri())
+            page.until(f"document.readyState === 'complete' && location.pathname.endsWith('/{name}')")
+            wide[name] = page.ask("document.documentElement.scrollWidth")
+    (root / "wide.html").unlink()
+    assert wide.pop("wide.html") > PHONE and len(wide) > 40  # what is too wide is seen
+    assert {name: width for name, width in wide.items() if width > PHONE} == {}
+
+
+@pytest.mark.parametrize(
+    ("asked", "page", "told"),
+    [
+        ("without_map", "configuration", "of maps by hours, in an hour that has none"),
+        ("sampling_radius_m", "configuration", "[m]"),
+        ("observed_rows", "configuration", "rows that a forecaster sees"),
+        ("homography", "configuration", "three rows of three numbers"),
+        ("half_life_h", "api", "half"),
+        ("Equation 2", "method", "K"),
+        ("Algorithm 1", "method", "MoD-LHMP"),
+        ("mean_heading", "maps", "rad"),
+        ("FDE", "glossary", "final displacement error"),
+        ("FreMEn", "glossary", "periodic parts"),
+    ],
+)
+def test_a_name_is_found_by_the_search_at_once(searched, asked, page, told):
+    """An option, an equation, a column, a word: the first that is found is the place that says what it is."""
+    searched.send("Page.navigate", url=f"{searched.site}/search.html?q={quote(asked)}")
+    searched.until("document.querySelector('#search-results li a') !== null")
+    searched.until("/finished|found/.test(document.querySelector('.search-summary').textContent)")
+    first = searched.ask("document.querySelector('#search-results li a').href")
+    called = searched.ask("document.querySelector('#search-results li a').textContent")
+    assert asked.lower().replace(" ", "-") in called.lower(), called  # not as the page is that it is on
+    assert re.search(rf"/({page})\.html#.", first), first
+    searched.send("Page.navigate", url=first.partition("#")[0])
+    searched.until("document.readyState === 'complete' && location.href.includes('.html') && !/search/.test(location)")
+    place = first.partition("#")[2]
+    assert told in searched.ask(f"document.getElementById({place!r}).textContent")
+
+
+@pytest.fixture(scope="module")
+def searched(root):
+    if CHROMIUM is None:
+        pytest.skip("no Chromium")
+    with Browser(root / "search.html") as page:
+        page.site = root.as_uri()
+        yield page
 
 
 # --- links of the sources --------------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ from test_boundary import DATASET, ROWS
 from test_boundary import told as foreseen
 
 import modlhmp
-from modlhmp import Live, Site, datasets, storage
+from modlhmp import Live, Site, recordings, storage
 from modlhmp.cli import main
 from modlhmp.contract import SITE, crowd
 from modlhmp.datasets import load_dataset
@@ -220,7 +220,7 @@ def dataset(path: Path) -> None:
 def read_dataset(path: Path) -> None:
     found = load_dataset(path, path.parent)
     for one in found.recordings:
-        datasets.clean(found, one)
+        recordings.clean(found, one)
 
 
 RUN = """run: a

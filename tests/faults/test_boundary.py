@@ -23,12 +23,13 @@ from hypothesis import strategies as st
 
 import modlhmp
 from modlhmp.cli import main
-from modlhmp.datasets import clean, load_dataset
+from modlhmp.datasets import load_dataset
 from modlhmp.exchange.maps import kind_in, read_tables
 from modlhmp.exchange.tracks import read_tracks_table
 from modlhmp.exchange.trajnet import read_predictions
 from modlhmp.inspection.guess import guess
 from modlhmp.logs import job_log
+from modlhmp.recordings import clean
 from modlhmp.storage import (
     UNFORESEEN,
     DataError,

@@ -390,7 +390,8 @@ STRAIGHT = np.column_stack([np.arange(4.0), 1.2 * np.arange(4), np.zeros(4)])
         (("cvm", STRAIGHT), {"beta": 1}, "unknown key 'beta'"),
         (("cvm", STRAIGHT[:3]), {}, "has 3 rows; observed_rows of the site is 4"),
         (("cvm", STRAIGHT[:, :2]), {}, "give Tracks, or \\[rows, 3\\]"),
-        (("cvm", STRAIGHT * [0.4, 1, 1]), {}, "a row every 0.4 s"),
+        (("cvm", STRAIGHT * [0.4, 1, 1]), {"site": Site()}, "a row every 0.4 s, the site's time_step_s is 1"),
+        (("cvm", np.array([[0, 0, 0], [1, 1, 0], [1.5, 2, 0], [3, 3, 0.0]])), {}, "the time step of the tracks is in"),
         (("cvm", STRAIGHT * [1, np.nan, 1]), {}, "is not a number"),
         (("cvm", STRAIGHT[:0]), {}, "no row"),
         (("snippets", STRAIGHT), {}, "give a Map"),
@@ -512,3 +513,34 @@ def test_files_of_one_person_each_need_a_dataset_file(write):
 def test_a_homography_that_takes_places_to_a_line_is_refused(write):
     flat = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
     refused("homography: its rows depend on each other", modlhmp.read_tracks, write(CSV), **NAMED, homography=flat)
+
+
+# --- the time step of tracks of which no site is given ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step_s", [0.04, 1 / 30, 0.4, 1.0, 2.5])
+def test_the_time_step_is_that_of_the_tracks(step_s):
+    """Whatever is built or forecast without a word of it; paths are those of a site that says it."""
+    tracks = PEOPLE._replace(t=PEOPLE.t[0] + step_s * (PEOPLE.t - PEOPLE.t[0]), x=step_s * PEOPLE.x)
+    a_map = modlhmp.build_map("snippets", tracks)
+    assert a_map.site.time_step_s == pytest.approx(step_s, abs=1e-6)
+    futures = modlhmp.forecast("cvm", seen(tracks), horizon_s=5 * a_map.site.time_step_s)
+    assert futures.times_s[-1] == pytest.approx(5 * step_s, abs=1e-5) and futures.paths.shape[2] == 5
+    said = modlhmp.forecast("cvm", seen(tracks), 5 * a_map.site.time_step_s, site=a_map.site)
+    np.testing.assert_array_equal(futures.paths, said.paths)
+    assert modlhmp.forecast("cvm", seen(tracks)).times_s[-1] == pytest.approx(60, abs=step_s)
+
+
+def test_clocks_that_jitter_and_rows_that_are_missing_leave_the_time_step():
+    rng = np.random.default_rng(0)
+    jittered = PEOPLE._replace(t=PEOPLE.t + rng.uniform(-0.04, 0.04, len(PEOPLE.t)))
+    assert modlhmp.build_map("cliff", jittered).site.time_step_s == 1.0
+    assert modlhmp.build_map("cliff", PEOPLE.take(rng.random(len(PEOPLE.t)) < 0.9)).site.time_step_s == 1.0
+
+
+def test_a_time_step_in_doubt_is_asked_for():
+    """People of two rates, of whom none is the recording's."""
+    slow = PEOPLE.track_id % 2 == 0
+    mixed = PEOPLE._replace(t=np.where(slow, PEOPLE.t, PEOPLE.t[0] + 0.43 * (PEOPLE.t - PEOPLE.t[0])))
+    with pytest.raises(DataError, match=r"in doubt: their rows are .* s apart in the median, but \d+% of them are not"):
+        modlhmp.build_map("cliff", mixed)

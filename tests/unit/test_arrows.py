@@ -22,7 +22,7 @@ STAGES = [
     ("scoring",),
     ("exchange",),
     ("networks",),
-    ("methods", "datasets", "split_checks"),
+    ("methods", "datasets", "recordings", "split_checks"),
     ("futures", "arguments", "api", "contract", "planning", "tasks", "futures_drawing", "live", "live_lines",
      "live_map", "ros", "updates"),
     ("inspection",),

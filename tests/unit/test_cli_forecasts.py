@@ -482,4 +482,90 @@ def test_the_time_step_of_scores_is_the_dataset_file_s(tmp_path):
     of = found[found["protocol"] == "complete"].set_index("horizon_s").loc[3.2]
     assert of["n"] == expected["n"] == 60
     assert of["ade_m"] == pytest.approx(table(*arguments, "--time-step", 0.4)["ade_m"].iloc[-1], rel=1e-6)
-    assert "the site's time_step_s is 1" in refused(*arguments, "--time-step", 1)
+    assert "hall.yaml: its time step is 0.4 s, 1 s is needed" in refused(*arguments, "--time-step", 1)
+
+
+@pytest.mark.parametrize("kind", ["dataset", "clean"])
+def test_a_kind_without_a_map_has_the_time_step_of_the_tracks(tmp_path, kind):
+    """Of a dataset file, its horizon, too; forecasts are scored by the same step, though no file of theirs says it."""
+    recordings = of_steps(tmp_path, 0.4)
+    file = tmp_path / "hall.yaml"
+    tracks = modlhmp.read_tracks(file, data_root=recordings)
+    if kind == "clean":
+        file = tmp_path / "walks.parquet"
+        write_tracks(tracks, file)
+    at = float(tracks.t[tracks.track_id == 3][9])
+    of = ("--tracks", file, "--data-root", recordings)
+    said("forecast", "--map", "cvm", *of, "--at", at, "--horizon", 3.2, "--out", tmp_path / "f.csv")
+    made = pd.read_csv(tmp_path / "f.csv")
+    expected = modlhmp.forecast("cvm", tracks.seen_by(at, rows=4), 3.2).best
+    np.testing.assert_allclose(made.loc[made["step"] == 8, ["x", "y"]], expected[:, 7], rtol=1e-5)
+    assert table("score", tmp_path / "f.csv", *of)["horizon_s"].iloc[-1] == pytest.approx(3.2)
+    if kind == "dataset":
+        assert table("forecast", "--map", "cvm", *of)["step"].max() == 8
+
+
+def test_a_map_of_another_time_step_is_refused(folder, tmp_path):
+    recordings = of_steps(tmp_path, 0.4)
+    told = refused(
+        "forecast", "--map", folder / "hall.parquet", "--tracks", tmp_path / "hall.yaml", "--data-root", recordings
+    )
+    assert "hall.yaml: its time step is 0.4 s, 1 s is needed, that of the map" in told
+    assert (
+        "rows every 0.4 s, brought to a row every 1 s"
+        in CliRunner()
+        .invoke(app, ["forecast", "--map", str(folder / "hall.parquet"), "--tracks", str(recordings / "walks.csv")])
+        .stderr
+    )
+
+
+# --- whose ids ------------------------------------------------------------------------------------------------------
+
+
+def cut_in_two(file, to, ids):
+    """A file of people called as `ids` says, who are away for a minute: each is two tracks."""
+    rows = pd.read_csv(file)
+    rows["t"] += 60.0 * (rows.groupby("track_id").cumcount() >= 10)
+    rows.assign(track_id=rows["track_id"].map(ids)).to_csv(to, index=False)
+
+
+@pytest.mark.parametrize("ids", ["{:d}", "P{:02d}"])
+@pytest.mark.parametrize("given", ["dataset", "recording"])
+def test_ids_are_the_owner_s_and_are_found_again(tmp_path, ids, given):
+    """Of forecasts and their scores, for plain numbers and texts, and for tracks that were cut."""
+    recordings = of_steps(tmp_path, 1.0)
+    for name in ("before", "walks"):
+        cut_in_two(recordings / f"{name}.csv", recordings / f"{name}.csv", ids.format)
+    if given == "recording":  # more often than the time step, so that it is cleaned, and cut
+        rows = pd.read_csv(recordings / "walks.csv")
+        between = rows.assign(t=rows["t"] + 0.5, x=rows["x"] + 0.5 * rows.groupby("track_id")["x"].diff().shift(-1))
+        both = pd.concat([rows, between.dropna()]).sort_values(["track_id", "t"])
+        both.to_csv(recordings / "walks.csv", index=False)
+    file = tmp_path / "hall.yaml" if given == "dataset" else recordings / "walks.csv"
+    of = ("--tracks", file, "--data-root", recordings)
+    known = set(pd.read_csv(recordings / "walks.csv", dtype=str)["track_id"])
+    for hall in (4, 14):
+        at = float(
+            pd.read_csv(recordings / "walks.csv")
+            .groupby("track_id")["t"]
+            .nth(2 * hall if given == "recording" else hall)
+            .iloc[5]
+        )
+        said("forecast", "--map", "cvm", *of, "--at", at, "--horizon", 3, "--out", tmp_path / "f.csv")
+        made = set(pd.read_csv(tmp_path / "f.csv", dtype=str)["track_id"])
+        assert made and {one.removesuffix(" #2") for one in made} <= known
+        scored = table("score", tmp_path / "f.csv", *of)
+        assert scored["n"].iloc[0] == len(made) and (scored["fde_m"] < 3).all()  # who walks straight, not another one
+    assert any(one.endswith(" #2") for one in made)
+
+
+def test_ids_that_two_recordings_share_have_the_recording_s_name(site, tmp_path):
+    """The same number may be two people."""
+    of = ("--tracks", site / "hall.yaml", "--data-root", site)
+    at = float(CROWD.t[CROWD.track_id == 3][9]) + 86400
+    said("forecast", "--map", "cvm", *of, "--at", at, "--horizon", 3, "--out", tmp_path / "f.csv")
+    assert set(pd.read_csv(tmp_path / "f.csv")["track_id"]) == {"tuesday/3"}
+    assert (table("score", tmp_path / "f.csv", *of)["n"] == 1).all()
+    made = pd.read_csv(tmp_path / "f.csv")
+    made.assign(track_id=3).to_csv(tmp_path / "g.csv", index=False)
+    assert "track 3: nobody of that id is in" in refused("score", tmp_path / "g.csv", *of)

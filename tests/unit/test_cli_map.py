@@ -100,14 +100,36 @@ def test_what_cannot_be_built(folder, tmp_path, monkeypatch, capsys):
     assert "did you mean 'resolution_m'" in refused(
         monkeypatch, capsys, "build", "cliff", tracks, "--out", out, "--set", "resolution=2"
     )
-    assert "a map of kind tc_cliff is a folder of hours; give a name without .parquet" in refused(
-        monkeypatch, capsys, "build", "tc_cliff", tracks, "--out", out
-    )
-    assert "z.png: form parquet under this name; end in .parquet; modlhmp map convert writes" in refused(
-        monkeypatch, capsys, "build", "cliff", tracks, "--out", tmp_path / "z.png"
-    )
     assert "give NAME=VALUE" in said("build", "cliff", tracks, "--out", out, "--set", "5", status=2)[1]
     assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "remedy"),
+    [
+        (("map", "build", "cliff", "nowhere.parquet", "--out", "z.png"), "--out z.png: the name must end in .parquet"),
+        (("map", "build", "tc_cliff", "nowhere.yaml", "--out", "z.png"), "is a folder; give a name without .png"),
+        (("map", "build", "stef", "nowhere.yaml", "--out", "z.PARQUET"), "is a folder; give a name without .PARQUET"),
+        (("map", "update", "z.csv", "nowhere.parquet"), "STATE z.csv: the name must end in .parquet"),
+        (("map", "update", "s.parquet", "nowhere.parquet", "--out", "z.png"), "--out z.png: the name must end in .par"),
+        (("map", "update", "s.parquet", "nowhere.yaml", "--kind", "stef", "--out", "z.png"), "without .png"),
+        (("map", "plot", "nowhere", "--out", "z.parquet"), "--out z.parquet: the name must end in .pdf, .png or .svg"),
+        (("map", "compare", "nowhere", "nowhere", "--out", "z.png"), "--out z.png: the name must end in .csv or .txt"),
+        (("forecast", "--map", "no", "--tracks", "no", "--out", "z.png"), "must end in .csv, .parquet or .ndjson"),
+        (("live", "--map", "nowhere", "--keep", "z.csv"), "--keep z.csv: the name must end in .parquet"),
+        (("inspect", "nowhere.csv", "--to", "z.yaml"), "--to z.yaml: where the picture and the page go is a folder"),
+        (("export-task", "nowhere.yaml", "--to", "z.csv"), "--to z.csv: a task is a folder; give a name without .csv"),
+    ],
+)
+def test_a_name_that_says_another_form_is_refused_before_the_work(tmp_path, monkeypatch, capsys, arguments, remedy):
+    """Before anything is read: what is to be read is not there."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["modlhmp", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr().err
+    assert ended.value.code == 1 and remedy in said and len(said.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
 
 
 # --- info -------------------------------------------------------------------------------------------------------------
@@ -194,7 +216,7 @@ def test_plot_over_a_floor_plan(folder, tmp_path):
 
 def test_what_is_not_drawn(folder, tmp_path, monkeypatch, capsys):
     line = refused(monkeypatch, capsys, "plot", folder / "cliff.parquet", "--out", tmp_path / "map.jpeg")
-    assert "ends in .pdf, .png, .svg" in line
+    assert "must end in .pdf, .png or .svg" in line
     line = refused(monkeypatch, capsys, "plot", folder / "tc_cliff", "--hour", 12, "--out", tmp_path / "map.png")
     assert "hour 12: the map has 7, 8" in line
     line = refused(monkeypatch, capsys, "plot", folder / "exits.parquet", "--out", tmp_path / "map.png")
@@ -255,13 +277,12 @@ def test_convert_needs_what_a_form_does_not_say(folder, tmp_path, caplog):
         (("cliff.parquet", "b.xml", "--header"), "unknown key 'header'"),
         (
             ("cliff.parquet", "b.frob"),
-            "b.frob: form parquet under this name; name its form, such as xml, by --to, or end in",
+            "b.frob: the name must end in .parquet, as form parquet does; `modlhmp map convert --to` writes others",
         ),
-        (("tc_cliff", "b.csv", "--to", "matlab"), "b.csv: a map of kind tc_cliff is a folder of hours"),
-        (
-            ("tc_cliff", "b.parquet"),
-            "b.parquet: a map of kind tc_cliff is a folder of hours; give a name without .parquet",
-        ),
+        (("cliff.parquet", "b.csv", "--to", "xml"), "b.csv: the name must end in .xml, as form xml does"),
+        (("cliff.parquet", "b.xml", "--to", "online"), "b.xml: the name must end in .csv or .txt, as form online does"),
+        (("tc_cliff", "b.csv", "--to", "matlab"), "b.csv: a map of kind tc_cliff, one map an hour, is a folder; give"),
+        (("tc_cliff", "b.parquet"), "is a folder; give a name without .parquet"),
     ],
 )
 def test_what_is_not_converted(folder, monkeypatch, capsys, arguments, message):

@@ -14,11 +14,12 @@ import pytest
 import yaml
 
 from modlhmp.cleaning import RULES, clean_recording
-from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, clean, folds, load_dataset, validation_part
+from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, folds, load_dataset, validation_part
 from modlhmp.file_format import Recording
 from modlhmp.ids import id_of
 from modlhmp.readers import files, read_recording
 from modlhmp.readers.raw import find_recording, open_raw
+from modlhmp.recordings import clean
 from modlhmp.settings import as_plain, build, json_schema
 from modlhmp.splits import FOLDS
 from modlhmp.storage import DataError

@@ -27,9 +27,9 @@ def path(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def opened(path, tmp_path_factory):
+def opened(path):
     """The page in a browser; tests leave it as they found it."""
-    with browser.Page(path, tmp_path_factory.mktemp("profile")) as one:
+    with browser.Page(path) as one:
         ready(one)
         yield one
 
@@ -267,9 +267,9 @@ def test_a_second_run_is_added_from_its_page(shown, tmp_path):
 
 
 @pytest.mark.parametrize(("width", "dark"), [(390, False), (390, True), (1280, True)])
-def test_it_fits_small_and_dark_screens(path, tmp_path, width, dark):
+def test_it_fits_small_and_dark_screens(path, width, dark):
     """Nothing is wider than the screen, whatever can be pressed is large enough for a finger, and a tap works."""
-    with browser.Page(path, tmp_path, width=width, height=844, dark=dark, phone=width < 500) as one:
+    with browser.Page(path, width=width, height=844, dark=dark, phone=width < 500) as one:
         ready(one)
         assert one.ask("document.documentElement.scrollWidth") <= width
         assert one.ask("document.documentElement.hasAttribute('data-dark')") is dark
@@ -288,7 +288,7 @@ def test_it_fits_small_and_dark_screens(path, tmp_path, width, dark):
 def test_a_run_with_little_to_show_says_so(tmp_path, maps, number, caption):
     """One that compares no map has its flow; one of too few recorded people nothing, without an error."""
     path = make_page(Layout("little", str(tmp_path)), (YARD,), (), maps, number)
-    with browser.Page(path, tmp_path / "profile") as one:
+    with browser.Page(path) as one:
         ready(one)
         assert caption in one.text(".panel figcaption")
         assert one.ask("document.querySelector('[value=stef]').disabled")
@@ -316,10 +316,10 @@ def test_every_picture_and_field_has_a_name(shown):
     assert not nameless
 
 
-def test_words_can_be_read(path, tmp_path):
+def test_words_can_be_read(path):
     """Contrast of every text with its ground is at least 4.5, as WCAG's AA asks, light and dark."""
     for dark in (False, True):
-        with browser.Page(path, tmp_path / str(dark), dark=dark) as one:
+        with browser.Page(path, dark=dark) as one:
             ready(one)
             choose(one, 0)
             assert not one.ask(CONTRAST)

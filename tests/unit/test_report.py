@@ -193,14 +193,51 @@ def test_colours_of_words_can_be_read(scheme):
         assert contrast(colours["focus"], colours[ground]) >= 3
 
 
-def test_a_browser_shows_it_without_an_error(made, tmp_path):
+def test_a_browser_shows_it_without_an_error(made):
     """No fault and no network; nothing but framed pictures and tables is wider than a phone."""
     browser = pytest.importorskip("browser", reason="websocket-client is not installed")
     if not browser.CHROMIUM:
         pytest.skip("no Chromium (Debian: apt install chromium)")
-    with browser.Page(Path(made[0]), tmp_path / "profile", width=390, height=844, phone=True) as shown:
+    with browser.Page(Path(made[0]), width=390, height=844, phone=True) as shown:
         shown.until("document.readyState === 'complete'")
         assert shown.ask("document.documentElement.scrollWidth") <= 390
         assert shown.ask("[...document.images].every((one) => one.complete && one.naturalWidth > 0)")
         assert not shown.faults
         assert all(one.startswith(("file:", "data:")) for one in shown.asked)
+
+
+WIDTHS = {False: 673, True: 1002}  # px between the margins of A4, upright and on its side
+TABLE = """(columns, rows) => {
+  const cells = (tag, text) => Array.from({length: columns}, (_, i) => `<${tag}>${text(i)}</${tag}>`).join("");
+  document.querySelector("main").insertAdjacentHTML("beforeend", `<figure class="table" data-exhibit="tab_long">
+    <figcaption>Long</figcaption><div class="scroll"><table><thead><tr>${cells("th", (i) => "mean_" + i)}</tr></thead>
+    <tbody>${Array.from({length: rows}, () => `<tr>${cells("td", () => "-0.1234")}</tr>`).join("")}</tbody></table>
+    </div></figure>`);
+}"""
+PRINTED = """[...document.querySelectorAll("figure.table")].map((figure) => ({
+  wide: getComputedStyle(figure).page === "wide", note: getComputedStyle(figure, "::after").content,
+  right: Math.max(...[...figure.querySelectorAll("table")].map((one) => one.getBoundingClientRect().right)),
+  hidden: [...figure.querySelectorAll("tbody tr")].filter((row) => !row.getClientRects().length).length,
+}))"""
+
+
+def test_it_prints(made):
+    """No table is wider than its sheet, which would shrink every page; of a long one the first rows, and it says so."""
+    browser = pytest.importorskip("browser", reason="websocket-client is not installed")
+    if not browser.CHROMIUM:
+        pytest.skip("no Chromium (Debian: apt install chromium)")
+    seen = {}
+    for wide, width in WIDTHS.items():
+        with browser.Page(Path(made[0]), width=width) as shown:
+            shown.until("document.readyState === 'complete'")
+            for columns, rows in ((5, 32), (5, 33), (13, 4), (14, 4), (23, 4)):
+                shown.ask(f"({TABLE})({columns}, {rows})")
+            shown.send("Emulation.setEmulatedMedia", media="print")
+            seen[wide] = shown.ask(PRINTED)
+    for wide, width in WIDTHS.items():
+        on_such_sheets = [one for one in seen[wide] if one["wide"] is wide]
+        assert on_such_sheets and all(one["right"] <= width for one in on_such_sheets), wide
+    short, long, *others = seen[False][-5:]
+    assert (short["hidden"], long["hidden"]) == (0, 1)
+    assert short["note"] == "none" and "first 32 rows" in long["note"] and "tab_long" in long["note"]
+    assert [one["wide"] for one in others] == [False, True, True]

@@ -7,11 +7,12 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
-from modlhmp.datasets import clean, load_dataset
+from modlhmp.datasets import load_dataset
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.methods import make_forecaster
 from modlhmp.options import ConstantVelocity
+from modlhmp.recordings import clean
 from modlhmp.scoring.recording import score_recording
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.storage import write_parquet

@@ -12,7 +12,6 @@ import pytest
 
 from modlhmp import DataError, Site, Tracks
 from modlhmp.contract import crowd
-from modlhmp.datasets import clean
 from modlhmp.exchange.forecasts import forecast_of, long_table, read_samples
 from modlhmp.exchange.hand_in import read_hand_in, write_hand_in
 from modlhmp.exchange.task import make_task, write_task
@@ -21,6 +20,7 @@ from modlhmp.forecasting.cvm import forecaster
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import windows
 from modlhmp.options import ConstantVelocity
+from modlhmp.recordings import clean
 from modlhmp.scoring.recording import score_recording
 
 SITE = Site(horizon_s=8)

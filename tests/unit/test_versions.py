@@ -4,7 +4,7 @@ import pytest
 
 from modlhmp.kinds import all_kinds
 from modlhmp.study import versions
-from modlhmp.study.versions import code_version, modules_of
+from modlhmp.study.versions import code_version, modules_of, project_version
 
 SCRIPT = """
 from modlhmp.logs import job_log
@@ -125,7 +125,43 @@ def test_the_project_s_scripts(config_folder):
     assert "modlhmp.study.runtime" in modules_of(scripts["measure_runtime"])
     for name, file in scripts.items():
         of_exhibits = [module for module in modules_of(file) if module.startswith("modlhmp.study.exhibits")]
-        assert not of_exhibits or name == "write_report", name
+        assert not of_exhibits or name in {"write_report", "gather_sites"}, name
+
+
+@pytest.mark.parametrize(
+    ("name", "counts"),
+    [
+        ("modlhmp/far.py", True),
+        ("modlhmp/settings.py", True),
+        ("modlhmp/schemas/config.schema.json", True),
+        ("modlhmp/study/report/assets/report.html.jinja", True),
+        ("modlhmp/study/explorer/assets/app.js", True),
+        ("workflow/Snakefile", True),
+        ("workflow/rules/maps.smk", True),
+        ("workflow/scripts/build_map.py", True),
+        ("workflow/report/exhibit.rst", True),
+        ("Snakefile", True),
+        ("modlhmp/__pycache__/far.cpython-311.pyc", False),
+        ("modlhmp/.far.py.swp", False),
+        ("workflow/scripts/__pycache__/build_map.cpython-311.pyc", False),
+        ("docs/index.md", False),
+    ],
+)
+def test_the_project_s_version_is_of_every_file_that_a_run_may_depend_on(package, name, counts):
+    """New, edited and gone files; not what is left beside them."""
+    seen = [project_version(package)]
+    file = package / name
+    before = file.read_text() if file.exists() else None
+    file.parent.mkdir(parents=True, exist_ok=True)
+    for text in ("one\n", "two\n"):
+        file.write_text(text)
+        seen.append(project_version(package))
+    if before is None:
+        file.unlink()
+    else:
+        file.write_text(before)
+    assert len(set(seen)) == (3 if counts else 1)
+    assert project_version(package) == seen[0]
 
 
 def test_a_kind_s_code_is_its_own(config_folder):

@@ -68,6 +68,19 @@ def test_one_failing_site_loses_no_other(plazas):
     assert table["left_out"].str.startswith("broken: its run failed").all()
 
 
+def test_the_table_of_sites_that_all_went_well(plazas):
+    """Is made by its rule, not after a failure."""
+    project, _ = plazas
+    (project.folder / "north.yaml").write_text(SITES.replace("  broken:\n", ""))
+    command = [one.replace("sites.yaml", "north.yaml") if isinstance(one, str) else one for one in SWEEP]
+    table = project.folder / "paper_figures/sweeps/plazas/sites.csv"
+    of_failed = table.read_text()
+    table.unlink()
+    project.snakemake(*command)
+    assert pd.read_csv(table)["left_out"].isna().all()
+    table.write_text(of_failed)
+
+
 def test_the_table_is_of_the_site_s_own_run(plazas):
     project, _ = plazas
     table = pd.read_csv(project.folder / "paper_figures/sweeps/plazas/sites.csv")

@@ -7,7 +7,7 @@ import numpy as np
 import typer
 
 from modlhmp.cli.app import DATA_ROOT, DataRoot, app
-from modlhmp.cli.inputs import STREAM, map_or_kind, read_walkers
+from modlhmp.cli.inputs import STREAM, check_file, map_or_kind, read_walkers
 from modlhmp.storage import DataError
 from modlhmp.tracks import shown_s
 
@@ -21,7 +21,7 @@ def forecast(
     ],
     tracks: Annotated[str, typer.Option(metavar="FILE", help="What is seen of people; - reads CSV from a stream.")],
     horizon: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="How far [default: the horizon of the map's site]")
+        float | None, typer.Option(metavar="SECONDS", help="How far [default: as the map's site, or the dataset, says]")
     ] = None,
     out: Annotated[
         str, typer.Option(metavar="FILE", help="The forecasts: .csv, .parquet, .ndjson (TrajNet++); - is CSV.")
@@ -56,16 +56,17 @@ def forecast(
 
     if plot and out == STREAM:
         raise DataError("--plot: the picture lies beside the file of forecasts; name one by --out")
-    if out != STREAM and Path(out).suffix not in FORMS:
-        raise DataError(f"--out {out}: the name must end in .csv, .parquet or .ndjson")
+    if out != STREAM:
+        check_file("--out", out, *FORMS)
     source = map_or_kind(by)
-    site = modlhmp.Site() if isinstance(source, str) else source.site
-    walkers, owners, recorded = read_walkers(tracks, site.time_step_s, data_root)
+    of_map = None if isinstance(source, str) else source.site
+    walkers, owners, recorded, own = read_walkers(tracks, None if of_map is None else of_map.time_step_s, data_root)
+    site = of_map or own
     seen = _seen(walkers, at, site.observed_rows, tracks)
     _check_ids(owners, seen, tracks, out)
-    if recorded:
-        _tell_of_speeds(source, tracks)
-    futures = modlhmp.forecast(source, seen, horizon, seed, **_options(option or [], seed))
+    if recorded and of_map is None and site.velocity == "differences":
+        _tell_of_speeds(by, tracks)
+    futures = modlhmp.forecast(source, seen, horizon, seed, site=site, **_options(option or [], seed))
     _tell_of_unknown(futures, tracks)
     _write(futures, owners, out, best)
     if plot:
@@ -133,14 +134,13 @@ def _check_ids(owners: dict[int, str], seen: Any, file: str, out: str) -> None:
         )
 
 
-def _tell_of_speeds(source: Any, file: str) -> None:
+def _tell_of_speeds(kind: str, file: str) -> None:
     """Say where recorded speeds are not used: a run of the same tracks may use them."""
-    if isinstance(source, str):
-        typer.echo(
-            f"{source} takes velocities from positions: the speeds and headings in {file} are not used, as a run of "
-            "a dataset whose `velocity` is as_recorded would use them",
-            err=True,
-        )
+    typer.echo(
+        f"{kind} takes velocities from positions: the speeds and headings in {file} are not used, as a run of a "
+        "dataset whose `velocity` is as_recorded would use them",
+        err=True,
+    )
 
 
 def _write(futures: Any, owners: dict[int, str], out: str, best: bool) -> None:

@@ -12,28 +12,37 @@ import numpy as np
 import typer
 
 from modlhmp.api import Map, load_map
+from modlhmp.arguments import STEPS_APART, site_from, site_of_tracks
 from modlhmp.cleaning import clean_recording, tell_of_faults
 from modlhmp.exchange.tracks import NEEDED, RECORDED, read_tracks_table
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.kinds import all_kinds
-from modlhmp.settings import check
+from modlhmp.settings import as_plain, check
+from modlhmp.site import Site
 from modlhmp.storage import DataError, no_folder
 from modlhmp.tracks import Tracks, owner_ids, owner_texts, usual_step
 
 STREAM = "-"
-STEPS_APART = (0.8, 1.25)  # of rows that need no resampling, in time steps
+OF_FILES = {
+    *(".csv", ".html", ".json", ".jsonl", ".ndjson", ".npz", ".parquet", ".pdf", ".png", ".svg", ".txt", ".xml"),
+    *(".yaml", ".yml"),
+}
 
 
 class Walkers(NamedTuple):
-    """Tracks, {number: the owner's id} of ids that are no plain numbers, and whether the file has speeds itself."""
+    """Tracks, {track id: the owner's id} of those that differ, whether the file has speeds itself, and the site.
+
+    The site is the dataset file's; of other files it is known by the time step alone.
+    """
 
     tracks: Tracks
     owners: dict[int, str]
     recorded: bool
+    site: Site
 
 
-def read_walkers(path: str, time_step_s: float, data_root: Path) -> Walkers:
-    """Tracks of a file by the `time_step_s`.
+def read_walkers(path: str, time_step_s: float | None, data_root: Path) -> Walkers:
+    """Tracks of a file by the `time_step_s`; None: by that of the dataset file or clean recording, of others 1 s.
 
     A table with columns track_id, t, x, y (`exchange.tracks`) is taken as it is where its rows are a time step apart,
     as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), which lie
@@ -42,23 +51,59 @@ def read_walkers(path: str, time_step_s: float, data_root: Path) -> Walkers:
     """
     with file_of(path) as (file, shown):
         if is_dataset(path):
-            from modlhmp.api import read_tracks  # noqa: PLC0415 - the rest of the library
-            from modlhmp.datasets import load_dataset  # noqa: PLC0415
+            from modlhmp.datasets import load_dataset  # noqa: PLC0415 - the rest of the library
+            from modlhmp.recordings import clean_all  # noqa: PLC0415
 
-            return Walkers(read_tracks(file, data_root=data_root), {}, load_dataset(file, data_root).has_velocity)
+            dataset = load_dataset(file, data_root)
+            _check_step(shown, dataset.time_step_s, time_step_s)
+            return Walkers(*clean_all(dataset), dataset.has_velocity, site_from(as_plain(dataset), path))
+        if file.suffix == ".parquet":
+            tracks, names = read_tracks_table(file)
+            site = site_of_tracks(shown, tracks)
+            _check_step(shown, usual_step(tracks), time_step_s)
+            return Walkers(tracks, names | owner_ids(file), _has_speeds(tracks), site)
+        time_step_s = Site().time_step_s if time_step_s is None else time_step_s
+        site = Site(time_step_s=time_step_s)
         try:
-            if file.suffix == ".parquet" or set(NEEDED) <= set(_header(file)):
+            if set(NEEDED) <= set(_header(file)):
                 tracks, names = read_tracks_table(file)
-                step = usual_step(tracks) / time_step_s
-                if file.suffix == ".parquet" or np.isnan(step) or STEPS_APART[0] <= step <= STEPS_APART[1]:
-                    names |= owner_ids(file) if file.suffix == ".parquet" else {}
-                    return Walkers(tracks, names, bool(np.isfinite(tracks.speed).any()))
+                step = usual_step(tracks)
+                if np.isnan(step) or STEPS_APART[0] <= step / time_step_s <= STEPS_APART[1]:
+                    return Walkers(tracks, names, _has_speeds(tracks), site)
+                typer.echo(f"{shown}: rows every {step:.4g} s, brought to a row every {time_step_s:g} s", err=True)
             form = _form_of(file, shown, time_step_s)
             tracks, account = clean_recording(file, form, Recording())
         except DataError as error:
             raise DataError(str(error).replace(str(file), shown)) from None
         tell_of_faults(shown, account)
-        return Walkers(tracks, owner_texts(account.get("owners", {})), form.has_velocity)
+        return Walkers(tracks, owner_texts(account.get("owners", {})), form.has_velocity, site)
+
+
+def _check_step(shown: str, step_s: float, wanted_s: float | None) -> None:
+    """`DataError` where tracks that are taken as they are have another time step than is wanted."""
+    if wanted_s is not None and not (np.isnan(step_s) or STEPS_APART[0] <= step_s / wanted_s <= STEPS_APART[1]):
+        raise DataError(
+            f"{shown}: its time step is {step_s:.4g} s, {wanted_s:g} s is needed, that of the map or of --time-step: "
+            "give the recording itself, which is brought to it, or a map and a time step that are the file's"
+        )
+
+
+def _has_speeds(tracks: Tracks) -> bool:
+    return bool(np.isfinite(tracks.speed).any())
+
+
+def check_file(option: str, path: str | Path, *endings: str) -> None:
+    """`DataError` where the name of a file that is to be written says another form; asked before the work."""
+    if Path(path).suffix not in endings:
+        named = [one for one in endings if one]
+        listed = " or ".join([", ".join(named[:-1]), named[-1]] if named[1:] else named)
+        raise DataError(f"{option} {path}: the name must end in {listed}")
+
+
+def check_folder(option: str, path: str | Path, what: str) -> None:
+    """The same of a folder, which is `what`."""
+    if (suffix := Path(path).suffix).lower() in OF_FILES:
+        raise DataError(f"{option} {path}: {what} is a folder; give a name without {suffix}")
 
 
 def is_dataset(path: str) -> bool:

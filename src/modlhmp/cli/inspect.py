@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from modlhmp.cli.app import DATA_ROOT, DataRoot, app
+from modlhmp.cli.inputs import check_folder
 
 
 @app.command()
@@ -25,6 +26,7 @@ def inspect(
 
     The draft goes to the output, everything else beside it. Status 1: it could not be read, or a run would stop.
     """
+    check_folder("--to", to, "where the picture and the page go")
     from modlhmp.inspection import inspect_dataset, inspect_file  # noqa: PLC0415 - other commands need none of it
 
     is_dataset = what.suffix in {".yaml", ".yml"}

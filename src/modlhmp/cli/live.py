@@ -81,8 +81,11 @@ def live(
     ] = False,
 ) -> None:
     """Forecast people as they are seen; the help is `HELP`."""
+    from modlhmp.cli.inputs import check_file  # noqa: PLC0415 - as other verbs do
     from modlhmp.live_lines import Newest, batches, forecasts, text_of, write_all  # noqa: PLC0415 - as other verbs do
 
+    if keep is not None:
+        check_file("--keep", keep, ".parquet")
     forecaster = _forecaster(map_file, horizon, exits, options or [])
     if keep is not None and not forecaster.learns:
         raise DataError(f"--keep {keep}: {map_file} is a finished map: give the state that modlhmp map update keeps")

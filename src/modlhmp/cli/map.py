@@ -11,8 +11,9 @@ import typer
 
 from modlhmp import api, pictures
 from modlhmp.cli.app import DATA_ROOT, DataRoot, app
+from modlhmp.cli.inputs import STREAM, check_file, check_folder
 from modlhmp.exchange import maps as exchange
-from modlhmp.exchange.forms import BY_NAME, FORMS, find_form, recognise
+from modlhmp.exchange.forms import BY_NAME, find_form, recognise
 from modlhmp.exchange.parquet import PARQUET
 from modlhmp.exchange.rows import read_source, table_text
 from modlhmp.kinds import find
@@ -24,7 +25,7 @@ from modlhmp.maps.comparison import flows
 from modlhmp.site import Site
 from modlhmp.storage import DataError, write_text
 
-STREAM = "-"
+TABLES = (".csv", ".txt")  # endings of a table's text
 maps = typer.Typer(
     help="Build, look at, draw, convert and compare maps of dynamics.\n\n"
     "MAP is a file, a folder of hours, or - for standard input, in any of the forms of docs/maps.md: "
@@ -66,6 +67,7 @@ def build(
     modlhmp map build cliff monday.yaml --data-root . --out fine.parquet --set resolution_m=0.5
     modlhmp map build tc_cliff results/real/atc/tracks/monday.parquet --timezone Asia/Tokyo --out hours
     """
+    check_name("--out", kind, out)
     if tracks.suffix in {".yaml", ".yml"}:
         from modlhmp.arguments import site_from  # noqa: PLC0415 - only this needs a dataset file
         from modlhmp.datasets import load_dataset  # noqa: PLC0415
@@ -74,14 +76,14 @@ def build(
         site = site_from(as_plain(load_dataset(tracks, data_root)), str(tracks))
         walked = api.read_tracks(tracks, data_root=data_root, split="train")
     elif tracks.suffix == ".parquet":
-        from modlhmp.tracks import usual_step  # noqa: PLC0415
+        from modlhmp.arguments import site_of_tracks  # noqa: PLC0415
 
         walked = api.read_tracks(tracks)
-        site = Site(timezone=timezone, time_step_s=round(usual_step(walked), 6))
+        site = site_of_tracks(str(tracks), walked, timezone=timezone)
     else:
         raise DataError(f"{tracks}: describe it first: modlhmp inspect {tracks} > {tracks.stem}.yaml")
     made = api.build_map(kind, walked, site, **_options(options))
-    _save(made, out, remedy="end in .parquet; modlhmp map convert writes other forms of it")
+    made.save(out)
     _say(f"{out}: {_summary(made)}")
 
 
@@ -140,6 +142,7 @@ def plot(
     modlhmp map plot atc-20121024-cliff.csv --floor-plan atc.yaml --out atc.pdf
     modlhmp map plot hours --hour 18 --out evening.png
     """
+    check_file("--out", out, *sorted(pictures.FORMATS))
     loaded = _load(a_map, form, Site(), None, options)
     name, table = _at_hour(loaded, hour)
     of = [Path(a_map).name, loaded.kind, *([name] if loaded.hours else [])]
@@ -176,7 +179,8 @@ def convert(
     loaded = _load(a_map, form, Site(timezone=timezone), origin, options)
     how: dict[str, Any] = {"header": True} if header else {}
     if out != STREAM:
-        _save(loaded, Path(out), to, **how)
+        check_name("OUT", loaded.kind, Path(out), to)
+        loaded.save(out, form=to, **how)
         _say(f"{out}: {_summary(loaded)}, form {to}")
     elif to == PARQUET:
         raise DataError("Parquet does not go to standard output: name a file, or another form by --to")
@@ -208,6 +212,8 @@ def compare(
     modlhmp map compare monday.parquet friday.parquet
     modlhmp map compare cliff.parquet atc-20121024-cliff.csv --out - > places.csv
     """
+    if out not in (None, STREAM):
+        check_file("--out", out, *TABLES)
     loaded = [_load(path, its, Site(), None, None) for path, its in ((ours, form), (theirs, other_form))]
     shared = [one for one in loaded[0].hours if one in loaded[1].hours]
     hour = shared[0] if hour is None and shared else hour
@@ -248,20 +254,16 @@ def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] |
     return api.Map(kind, site, whole, hours)
 
 
-def _save(
-    a_map: api.Map,
-    out: Path,
-    to: str = PARQUET,
-    remedy: str = "name its form, such as xml, by --to, or end in .parquet",
-    **how: Any,
-) -> None:
-    """Write a map under a name that says what it is, of which `remedy` tells; the library takes any."""
-    in_folder = find(a_map.kind).hourly and (to == PARQUET or find_form(to).write is not None)
-    if in_folder and out.suffix in {f".{PARQUET}", *(form.suffix for form in FORMS)}:
-        raise DataError(f"{out}: a map of kind {a_map.kind} is a folder of hours; give a name without {out.suffix}")
-    if not in_folder and to == PARQUET and out.suffix not in {"", f".{PARQUET}"}:
-        raise DataError(f"{out}: form parquet under this name; {remedy}")
-    a_map.save(out, form=to, **how)
+def check_name(option: str, kind: str, path: Path, to: str = PARQUET) -> None:
+    """`DataError` where a map of that kind would get a name that says another form; the library takes any."""
+    if find(kind).hourly and (to == PARQUET or find_form(to).write is not None):
+        check_folder(option, path, f"a map of kind {kind}, one map an hour,")
+        return
+    suffix = f".{PARQUET}" if to == PARQUET else find_form(to).suffix
+    try:
+        check_file(option, path, "", *(TABLES if suffix in TABLES else [suffix]))
+    except DataError as error:
+        raise DataError(f"{error}, as form {to} does; `modlhmp map convert --to` writes others") from None
 
 
 def _options(given: list[str] | None) -> dict[str, Any]:

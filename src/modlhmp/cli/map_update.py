@@ -3,18 +3,19 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from modlhmp import api
-from modlhmp.arguments import site_from
+from modlhmp.arguments import site_from, site_of_tracks
 from modlhmp.cli.app import DATA_ROOT, DataRoot
-from modlhmp.cli.map import SetOption, TimezoneOption, _options, _say, _summary, maps
-from modlhmp.datasets import clean, load_dataset
+from modlhmp.cli.inputs import check_file
+from modlhmp.cli.map import SetOption, TimezoneOption, _options, _say, _summary, check_name, maps
+from modlhmp.datasets import load_dataset
+from modlhmp.recordings import clean
 from modlhmp.settings import as_plain
 from modlhmp.site import Site
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, usual_step
+from modlhmp.tracks import Tracks
 from modlhmp.updates import UpdatedMap
 
 
@@ -55,9 +56,12 @@ def update(
     """
     if not (tracks or merge or remove_day or out or half_life is not None):
         raise DataError(f"{state}: nothing to do: give tracks, --merge, --remove-day, --half-life or --out")
+    check_file("STATE", state, ".parquet")
     kept = UpdatedMap.load(state) if state.exists() else None
     if kept and (kind not in (None, kept.kind) or options):
         raise DataError(f"{state}: it is a map of kind {kept.kind} with options of its own; leave --kind and --set out")
+    if out is not None:
+        check_name("--out", kept.kind if kept else kind or "cliff", out)
     walked = [one for file in tracks or [] for one in _recordings(file, data_root, kept.site if kept else timezone)]
     if len({name for name, _, _ in walked}) < len(walked):
         raise DataError("two recordings have the same name, by which their persons are known: rename a file")
@@ -92,9 +96,7 @@ def _recordings(file: Path, data_root: Path, of: Site | str) -> list[tuple[str, 
     """(name, tracks, site) of a clean recording at a site, or in a time zone, or of a dataset's training recordings."""
     if file.suffix == ".parquet":
         rows = api.read_tracks(file)
-        step_s = round(usual_step(rows), 6)
-        site = of if isinstance(of, Site) else Site(timezone=of, time_step_s=1.0 if np.isnan(step_s) else step_s)
-        return [(file.stem, rows, site)]
+        return [(file.stem, rows, of if isinstance(of, Site) else site_of_tracks(str(file), rows, timezone=of))]
     if file.suffix not in {".yaml", ".yml"}:
         raise DataError(f"{file}: describe it first: modlhmp inspect {file} > {file.stem}.yaml")
     dataset = load_dataset(file, data_root)

@@ -27,7 +27,7 @@ def score(
         typer.Option(help="How one path comes out of several samples; a hand-in says it itself."),
     ] = "likeliest",
     time_step: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Of the forecasts [default: the dataset file's; else 1]")
+        float | None, typer.Option(metavar="SECONDS", help="Of the forecasts [default: the tracks' own; of CSV 1]")
     ] = None,
     data_root: DataRoot = DATA_ROOT,
     split: Annotated[
@@ -75,12 +75,12 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
     from modlhmp.scoring.horizons import scored_horizons  # noqa: PLC0415
     from modlhmp.scoring.protocols import PROTOCOLS  # noqa: PLC0415
 
-    if time_step_s is None:
-        time_step_s = _step_of(tracks, data_root)
-    if not 0 < time_step_s < np.inf:
+    if time_step_s is not None and not 0 < time_step_s < np.inf:
         raise DataError(f"--time-step {time_step_s:g}: give the seconds between two steps, above 0")
     if forecasts.endswith(".ndjson"):
         raise DataError(f"{forecasts}: TrajNet++'s lines have no clock and cannot be scored: write CSV or Parquet")
+    truth, owners, _, site = read_walkers(tracks, time_step_s, data_root)
+    time_step_s = site.time_step_s
     with file_of(forecasts) as (file, shown):
         try:
             samples = read_samples(file, time_step_s)
@@ -88,9 +88,13 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
             raise DataError(str(error).replace(str(file), shown)) from None
     if not len(samples.track_id):
         raise DataError(f"{shown}: it has no forecasts")
-    truth = read_walkers(tracks, time_step_s, data_root).tracks
-    start = np.array([_start(truth, samples, place, shown, tracks) for place in range(len(samples.t0))])
     bounds = truth.bounds()
+    number = {owners.get(one, str(one)): one for one in truth.track_id[bounds[:-1]].tolist()}
+    names = [samples.name(place) for place in range(len(samples.t0))]
+    start = np.array([
+        _start(truth, number.get(name), samples, place, shown, tracks) for place, name in enumerate(names)
+    ])  # fmt: skip
+    samples = samples._replace(track_id=np.array([number[name] for name in names], np.int64))
     end = dict(zip(truth.track_id[bounds[:-1]].tolist(), truth.t[bounds[1:] - 1].tolist(), strict=True))
     if all(end[whose] <= t0 + 1e-3 for whose, t0 in zip(samples.track_id.tolist(), samples.t0.tolist(), strict=True)):
         raise DataError(
@@ -107,22 +111,14 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
             yield protocol, found.output, horizon_s, found.at(horizon_s)
 
 
-def _step_of(tracks: str, data_root: Path) -> float:
-    """The time step of a dataset file; of other tracks that of a `Site` of which nothing is said."""
-    from modlhmp.datasets import load_dataset  # noqa: PLC0415
-    from modlhmp.site import Site  # noqa: PLC0415
-
-    return (load_dataset(tracks, data_root) if is_dataset(tracks) else Site()).time_step_s
-
-
-def _start(truth: Any, samples: Any, place: int, shown: str, tracks: str) -> tuple[float, float]:
-    """Where the person of a forecast was at t0."""
+def _start(truth: Any, whose: int | None, samples: Any, place: int, shown: str, tracks: str) -> tuple[float, float]:
+    """Where the person of a forecast, whose track in `truth` it is (None: nobody), was at t0."""
     import numpy as np  # noqa: PLC0415
 
-    mine = np.flatnonzero(truth.track_id == samples.track_id[place])
     where = f"{shown}, row {samples.line[place]}: track {samples.name(place)}"
-    if not len(mine):
+    if whose is None:
         raise DataError(f"{where}: nobody of that id is in {tracks}; are they of the same recording?")
+    mine = np.flatnonzero(truth.track_id == whose)
     row = mine[np.abs(truth.t[mine] - samples.t0[place]).argmin()]
     if abs(truth.t[row] - samples.t0[place]) > 1e-3:
         raise DataError(

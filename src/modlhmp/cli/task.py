@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from modlhmp.cli.app import DATA_ROOT, DataRoot, app
+from modlhmp.cli.inputs import check_folder
 
 
 @app.command()
@@ -39,6 +40,7 @@ def export_task(
     Ids are renewed and shuffled, times are seconds before t0. task.json has the task's hash, which a hand-in must
     name. What to hand in, and how it is scored: docs/your-predictor.md.
     """
+    check_folder("--to", to, "a task")
     from modlhmp.tasks import export_task as export  # noqa: PLC0415 - other commands need none of it
 
     task, files = export(

@@ -29,12 +29,16 @@ def assets_version(folder: Path) -> str:
 
 
 def project_version(root: str | Path) -> str:
-    """Hash of all code of this package and of the workflow under `root`: of what any run may depend on."""
+    """Hash of all files of this package and of the workflow under `root`, names too: of what any run may depend on.
+
+    Pages' templates, styles and schemas are among them; what Python and editors leave beside them is not.
+    """
     digest = hashlib.sha256()
-    for file in sorted(
-        [*PACKAGE.rglob("*.py"), *Path(root, "workflow").rglob("*.py"), *Path(root, "workflow").rglob("*.smk")]
-    ):
-        digest.update(file.read_bytes())
+    for folder, pattern in ((PACKAGE, "**/*"), (Path(root), "workflow/**/*"), (Path(root), "Snakefile")):
+        for file in sorted(folder.glob(pattern)):
+            name = file.relative_to(folder)
+            if file.is_file() and not any(part.startswith((".", "__pycache__")) for part in name.parts):
+                digest.update(f"{name.as_posix()}\0{file.stat().st_size}\0".encode() + file.read_bytes())
     return digest.hexdigest()[:12]
 
 
