@@ -159,13 +159,16 @@ def _em(heading, speed, components, max_iterations, tolerance):
 
 
 @kernel
-def _responsibilities(heading, speed, terms, windings, share):
-    """E-step of a block: fill `share` [J, windings, n] with r_jk of every observation; returns its log-likelihood."""
+def relative_densities(heading, speed, terms, windings, density):
+    """Fill `density` [J, windings, n] with each wrapped component's of n observations, over the largest of each.
+
+    Returns the logarithm of that largest one [n] and the sum of all over it [n].
+    """
     n = len(heading)
     peak, total = np.full(n, -np.inf), np.zeros(n)
     for j in range(len(terms)):
         for k in range(-windings[j], windings[j] + 1):
-            exponent = share[j, k + windings[j]]
+            exponent = density[j, k + windings[j]]
             for i in range(n):
                 dt, dr = unwrapped(heading[i] - terms[j, 1], k), speed[i] - terms[j, 2]
                 quadratic = terms[j, 3] * dt * dt + 2.0 * terms[j, 4] * dt * dr + terms[j, 5] * dr * dr
@@ -173,10 +176,18 @@ def _responsibilities(heading, speed, terms, windings, share):
                 peak[i] = max(peak[i], exponent[i])
     for j in range(len(terms)):
         for k in range(2 * windings[j] + 1):
-            density = share[j, k]
+            relative = density[j, k]
             for i in range(n):
-                density[i] = exp_of_negative(density[i] - peak[i])
-                total[i] += density[i]
+                relative[i] = exp_of_negative(relative[i] - peak[i])
+                total[i] += relative[i]
+    return peak, total
+
+
+@kernel
+def _responsibilities(heading, speed, terms, windings, share):
+    """E-step of a block: fill `share` [J, windings, n] with r_jk of every observation; returns its log-likelihood."""
+    n = len(heading)
+    peak, total = relative_densities(heading, speed, terms, windings, share)
     log_likelihood, product = peak.sum(), 1.0
     for i in range(n):  # one logarithm for many: a total is between 1 and the number of terms
         product *= total[i]

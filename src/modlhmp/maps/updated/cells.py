@@ -8,7 +8,7 @@ observations (`maps.mean_shift`), with the same bandwidth.
 
 import numpy as np
 
-from modlhmp.angles import TWO_PI, one_turn, unwrapped
+from modlhmp.angles import TWO_PI, one_turn
 from modlhmp.kernels import kernel
 from modlhmp.maps.cliff import MIN_CLUSTER
 from modlhmp.maps.swgmm import (
@@ -16,9 +16,9 @@ from modlhmp.maps.swgmm import (
     NARROW,
     WINDINGS,
     add_statistics,
-    exp_of_negative,
     floor_covariance,
     precompute,
+    relative_densities,
 )
 
 HEADINGS, HEADING_STEP = 36, TWO_PI / 36
@@ -234,21 +234,7 @@ def _step(statistics, total, component, stepped, factor):
 def _shares(heading, speed, weights, terms, windings, share):
     """E-step: fill `share` [J, windings, n] with the weight of each bin times its responsibilities; log-likelihood."""
     n = len(heading)
-    peak, mass = np.full(n, -np.inf), np.zeros(n)
-    for j in range(len(terms)):
-        for k in range(-windings[j], windings[j] + 1):
-            exponent = share[j, k + windings[j]]
-            for i in range(n):
-                dt, dr = unwrapped(heading[i] - terms[j, 1], k), speed[i] - terms[j, 2]
-                quadratic = terms[j, 3] * dt * dt + 2.0 * terms[j, 4] * dt * dr + terms[j, 5] * dr * dr
-                exponent[i] = terms[j, 0] - 0.5 * quadratic
-                peak[i] = max(peak[i], exponent[i])
-    for j in range(len(terms)):
-        for k in range(2 * windings[j] + 1):
-            density = share[j, k]
-            for i in range(n):
-                density[i] = exp_of_negative(density[i] - peak[i])
-                mass[i] += density[i]
+    peak, mass = relative_densities(heading, speed, terms, windings, share)
     log_likelihood = 0.0
     for i in range(n):
         log_likelihood += weights[i] * (peak[i] + np.log(mass[i]))
