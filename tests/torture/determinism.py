@@ -118,9 +118,10 @@ def made(folder: Path, how: Varied) -> dict[str, Any]:
 
 
 def _rules(folder: Path) -> set[str]:
-    """Rules that have made something in a run, by their logs."""
-    return {path.relative_to(folder / "results/tiny/logs").parts[0].removesuffix(".log")
-            for path in (folder / "results/tiny/logs").rglob("*.log")}  # fmt: skip
+    """Rules that have made something in a run, by their logs; each network's training is a rule of its own."""
+    logs = [path.relative_to(folder / "results/tiny/logs").with_suffix("") for path in
+            (folder / "results/tiny/logs").rglob("*.log")]  # fmt: skip
+    return {f"train_{log.name}" if log.parts[0] == "train" else log.parts[0] for log in logs}
 
 
 def _snakemake(folder: Path, how: Varied, *arguments: object) -> None:
