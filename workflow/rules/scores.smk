@@ -35,59 +35,61 @@ rule score_method:
         "../scripts/score_method.py"
 
 
-rule read_protocol:
-    """Errors at the longest horizon under every reading of the scoring rules."""
-    input:
-        tracks=tracks_of("test"),
-        forecasts=LAYOUT.forecasts("{dataset}", "{method}"),
-    output:
-        LAYOUT.readings("{dataset}", "{method}"),
-    log:
-        LAYOUT.log("read_protocol", "{dataset}", "{method}"),
-    benchmark:
-        LAYOUT.benchmark("read_protocol", "{dataset}", "{method}")
-    wildcard_constraints:
-        method="|".join(PLAN.read_anew) or NO_METHOD,
-    group:
-        "methods"
-    resources:
-        mem_mb=1500,
-        runtime=30,
-    params:
-        run=RUN.run,
-        dataset=settings_of(*SCORE_KEYS),
-        recordings=names_of("test"),
-        code=code_of("read_protocol"),
-    message:
-        "Readings of the scoring rules, {wildcards.method} on {wildcards.dataset}"
-    script:
-        "../scripts/read_protocol.py"
+if PLAN.read_anew:
+
+    rule read_protocol:
+        """Errors of the paper's methods at the longest horizon under every reading of the scoring rules."""
+        input:
+            tracks=tracks_of("test"),
+            forecasts=[LAYOUT.forecasts("{dataset}", name) for name in PLAN.read_anew],
+        output:
+            [LAYOUT.readings("{dataset}", name) for name in PLAN.read_anew],
+        log:
+            LAYOUT.log("read_protocol", "{dataset}"),
+        benchmark:
+            LAYOUT.benchmark("read_protocol", "{dataset}")
+        group:
+            "exhibits"
+        resources:
+            mem_mb=1500,
+            runtime=30,
+        params:
+            run=RUN.run,
+            methods=PLAN.read_anew,
+            dataset=settings_of(*SCORE_KEYS),
+            recordings=names_of("test"),
+            code=code_of("read_protocol"),
+        message:
+            "Readings of the scoring rules on {wildcards.dataset}"
+        script:
+            "../scripts/read_protocol.py"
 
 
 rule measure_encounters:
     """How often forecasts run into where other people really were."""
     input:
         tracks=tracks_of_people("test"),
-        forecasts=LAYOUT.forecasts("{dataset}", "{method}"),
+        forecasts=[LAYOUT.forecasts("{dataset}", name) for name in RUN.compare],
     output:
-        LAYOUT.encounters("{dataset}", "{method}"),
+        [LAYOUT.encounters("{dataset}", name) for name in RUN.compare],
     log:
-        LAYOUT.log("measure_encounters", "{dataset}", "{method}"),
+        LAYOUT.log("measure_encounters", "{dataset}"),
     benchmark:
-        LAYOUT.benchmark("measure_encounters", "{dataset}", "{method}")
+        LAYOUT.benchmark("measure_encounters", "{dataset}")
     group:
-        "methods"
+        "exhibits"
     resources:
         mem_mb=2500,
-        runtime=30,
+        runtime=60,
     params:
         run=RUN.run,
+        methods=list(RUN.compare),
         dataset=settings_of(*SCORE_KEYS),
         recordings=neighbours_of("test"),
         horizons=lambda wildcards: PLAN.horizons[wildcards.dataset],
         code=code_of("measure_encounters"),
     message:
-        "Encounters of {wildcards.method} on {wildcards.dataset}"
+        "Encounters on {wildcards.dataset}"
     script:
         "../scripts/measure_encounters.py"
 

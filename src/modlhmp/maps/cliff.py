@@ -116,31 +116,49 @@ def fit_location(heading: np.ndarray, speed: np.ndarray, bandwidth: str = "isotr
 @kernel
 def _merge_small(heading, speed, labels):
     """Give the members of clusters under `MIN_CLUSTER` to the nearest large one (the largest, if none is)."""
-    counts = np.bincount(labels)
-    large = np.flatnonzero(counts >= MIN_CLUSTER)
-    if not len(large):
+    number = labels.max() + 1
+    counts, centres = np.zeros(number, np.int64), np.zeros((number, 2))
+    for label in labels:
+        counts[label] += 1
+    for label in range(number):
+        if counts[label] >= MIN_CLUSTER:
+            found = _moments_of(label, heading, speed, labels)
+            centres[label, 0], centres[label, 1] = found[1], found[2]
+    if counts.max() < MIN_CLUSTER:
         return np.zeros_like(labels)
-    centres = np.empty((len(large), 2))
-    for row, label in enumerate(large):
-        mine = labels == label
-        centres[row] = swgmm.moments(heading[mine], speed[mine])[:2]
     merged = labels.copy()
-    for i in np.flatnonzero(counts[labels] < MIN_CLUSTER):
-        turn = unwrapped(heading[i] - centres[:, 0], 0)
-        merged[i] = large[np.argmin(turn**2 + (speed[i] - centres[:, 1]) ** 2)]
+    for i in range(len(labels)):
+        if counts[labels[i]] < MIN_CLUSTER:
+            nearest = np.inf
+            for label in range(number):
+                turn = unwrapped(heading[i] - centres[label, 0], 0)
+                d2 = turn**2 + (speed[i] - centres[label, 1]) ** 2
+                if counts[label] >= MIN_CLUSTER and d2 < nearest:
+                    nearest, merged[i] = d2, label
     return merged
 
 
 @kernel
 def _components_of(heading, speed, labels):
-    """Weight and moments [J, 6] of each cluster, by rising label."""
-    used = np.unique(labels)
-    components = np.empty((len(used), 6))
-    for j in range(len(used)):
-        mine = labels == used[j]
-        components[j, 0] = mine.mean()
-        components[j, 1:] = swgmm.moments(heading[mine], speed[mine])
-    return components
+    """Weight and moments [J, 6] of each cluster that has members, by rising label."""
+    components, used = np.empty((labels.max() + 1, 6)), 0
+    for label in range(len(components)):
+        found = _moments_of(label, heading, speed, labels)
+        if found[0] > 0.0:
+            components[used] = found
+            used += 1
+    return components[:used].copy()
+
+
+@kernel
+def _moments_of(label, heading, speed, labels):
+    """A cluster's share of the observations and its moments, [6]; a share of 0 where nobody is in it."""
+    mine = labels == label
+    found = np.zeros(6)
+    if mine.any():
+        found[0] = mine.mean()
+        found[1:] = swgmm.moments(heading[mine], speed[mine])
+    return found
 
 
 def load(path: str | Path | pa.Table, site: Site, options: RollOut) -> "CliffMap":
