@@ -57,7 +57,7 @@ def kernel(function: Callable | None = None, **options) -> Callable:
     """
     if function is None:
         return functools.partial(kernel, **options)
-    # C calls none, and its form of one is a fifth of the time to compile; numba's types leave the option out.
+    # C calls no kernel, and a form for it would be up to a fifth of the compiling; numba's types lack the option.
     compiled = njit(no_cfunc_wrapper=True, **options)(function)  # type: ignore[call-overload]
     if compiled is function:  # NUMBA_DISABLE_JIT, for debugging
         return function
@@ -219,9 +219,7 @@ def _named_place():
     named, caches = os.environ.get("MODLHMP_CACHE_DIR"), os.environ.get("XDG_CACHE_HOME", "")
     if not named:
         named = os.path.join(caches if os.path.isabs(caches) else "~/.cache", "modlhmp")
-    return Path(
-        os.path.realpath(os.path.expanduser(named))
-    ), 0o022  # a link of the user's own is one that we may follow
+    return Path(os.path.realpath(Path(named).expanduser())), 0o022  # a link of the user's own is one that we may follow
 
 
 def _temporary_place():
