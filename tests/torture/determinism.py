@@ -7,6 +7,7 @@ numbers of the others are apart. Status 1 where an output differs that should no
 """
 
 import os
+import pwd
 import shutil
 import subprocess
 import sys
@@ -130,12 +131,19 @@ def _snakemake(folder: Path, how: Varied, *arguments: object) -> None:
         "MODLHMP_CACHE_DIR": str(folder / ".cache/kernels"),
         "MPLCONFIGDIR": str(folder / ".cache/matplotlib"),
     }
+    if how.user:  # who may not write into our home
+        environment |= {"HOME": str(folder), "XDG_CACHE_HOME": str(folder / ".cache")}
     done = subprocess.run(
-        [sys.executable, "-m", "snakemake", *map(str, arguments)], cwd=folder, env=environment, user=how.user,
-        umask=how.umask, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
+        [sys.executable, "-m", "snakemake", *map(str, arguments)], cwd=folder, env=environment, umask=how.umask,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False, **_as_user(how.user),
     )  # fmt: skip
     if done.returncode:
         sys.exit(f"{folder}: {done.stdout[-3000:]}")
+
+
+def _as_user(user: str | None) -> dict[str, Any]:
+    """Options of a subprocess that is another user's, who is in none of our groups."""
+    return {} if user is None else {"user": user, "group": pwd.getpwnam(user).pw_gid, "extra_groups": []}
 
 
 def apart(one: Path, other: Path) -> float:
