@@ -25,6 +25,7 @@ from modlhmp.study.certificate import differences
 
 ROOT = Path(__file__).parents[2]
 TINY = ("--configfile", "config/tiny.yaml")
+RECORDINGS = "resources/demo/tiny"
 CERTIFICATE = "results/tiny/certificate.json"
 
 
@@ -43,7 +44,9 @@ class Varied(NamedTuple):
 
 def shuffle_rows(folder: Path) -> None:
     """The rows of the hall's recordings in another order."""
-    for file in sorted((folder / "resources/demo/hall").glob("*.csv")):
+    found = sorted((folder / RECORDINGS / "hall").glob("*.csv"))
+    assert found, "no recording to shuffle"
+    for file in found:
         rows = file.read_text().splitlines(keepends=True)
         file.write_text("".join(np.random.default_rng(0).permutation(rows)))
 
@@ -57,11 +60,11 @@ def split_days(folder: Path) -> None:
             lines.append(line)
             continue
         name = line.split("files: ")[1].split(",")[0]
-        rows = (folder / "resources/demo" / name).read_text().splitlines(keepends=True)
+        rows = (folder / RECORDINGS / name).read_text().splitlines(keepends=True)
         for part in (0, 1):
             halved = name.replace(".csv", f"-{part}.csv")
             mine = [row for row in rows if int(row.split(",")[1]) % 2 == part]
-            (folder / "resources/demo" / halved).write_text("".join(mine))
+            (folder / RECORDINGS / halved).write_text("".join(mine))
             lines.append(line.replace(name, halved))
     dataset.write_text("\n".join(lines) + "\n")
 
