@@ -145,6 +145,12 @@ def _snakemake(folder: Path, how: Varied, *arguments: object) -> None:
         sys.exit(f"{folder}: {done.stdout[-3000:]}")
 
 
+def _place(folder: Path, output: str) -> Path:
+    """Where an output lies: certificates leave the run's name out."""
+    first, rest = output.split("/", 1)
+    return folder / first / "tiny" / rest
+
+
 def _as_user(user: str | None) -> dict[str, Any]:
     """Options of a subprocess that is another user's, who is in none of our groups."""
     return {} if user is None else {"user": user, "group": pwd.getpwnam(user).pw_gid, "extra_groups": []}
@@ -191,9 +197,12 @@ def main(rows: Mapping[str, Varied] = ROWS, tell: Callable[[str], None] = print)
             other = made(folder, how)
             lines = differences(first, other).get("outputs", [])
             files = [line.split(": ")[0] for line in lines]
-            both = (file for file in files if all(Path(at, file).exists() for at in (folder, Path(root, "first/run"))))
-            tables = [file for file in both if file.endswith(".parquet")]
-            far = max((apart(Path(root, "first/run", one), folder / one) for one in tables), default=0.0)
+            pairs = [
+                (_place(Path(root, "first/run"), one), _place(folder, one)) for one in files if one.endswith(".parquet")
+            ]
+            pairs = [pair for pair in pairs if all(path.exists() for path in pair)]
+            assert pairs or not any(file.endswith(".parquet") for file in files)
+            far = max((apart(*pair) for pair in pairs), default=0.0)
             tell(f"| {name} | {len(first['outputs']) - len(files)} | {far:.1e} | {', '.join(files[:4])} |")
             wrong |= how.alike and bool(files)
             shutil.rmtree(folder)
