@@ -53,7 +53,7 @@ def check(cls: type[T], plain: Any, source: object, required: Iterable[str] = ()
     """
     from pydantic import ValidationError  # noqa: PLC0415 - 0.15 s that only a check needs
 
-    told = dict(_mistaken_flags(cls, plain))
+    told = dict(_mistaken(cls, plain))
     try:
         found = _adapter(cls).validate_python(plain)  # type: ignore[arg-type]
     except ValidationError as error:
@@ -211,7 +211,7 @@ def _within(keys: str, text: str) -> str:
     return f"{keys}{text.removeprefix(TOP)}" if text.startswith(f"{TOP}:") else f"{keys}.{text}"
 
 
-def _mistaken_flags(hint: Any, value: Any, path: tuple[Any, ...] = (), meaning: str = "") -> Iterable[Any]:
+def _mistaken(hint: Any, value: Any, path: tuple[Any, ...] = (), meaning: str = "") -> Iterable[Any]:
     """Where true or false stands for a number, or a number for these, or one has no end: paths and messages.
 
     Pydantic takes them all.
@@ -230,13 +230,13 @@ def _mistaken_flags(hint: Any, value: Any, path: tuple[Any, ...] = (), meaning: 
         hints = typing.get_type_hints(hint, include_extras=True)
         for field in (field for field in dataclasses.fields(hint) if field.name in value):
             meant, name = field.metadata.get("description", ""), field.name
-            yield from _mistaken_flags(hints[name], value[name], (*path, name), meant)
+            yield from _mistaken(hints[name], value[name], (*path, name), meant)
     elif isinstance(value, Mapping) and typing.get_origin(hint) is dict:
         for key, one in value.items():
-            yield from _mistaken_flags(typing.get_args(hint)[1], one, (*path, key), meaning)
+            yield from _mistaken(typing.get_args(hint)[1], one, (*path, key), meaning)
     elif isinstance(value, list | tuple) and typing.get_origin(hint) in {tuple, list}:
         for number, one in enumerate(_parts(hint, value)):
-            yield from _mistaken_flags(one, value[number], (*path, number), meaning)
+            yield from _mistaken(one, value[number], (*path, number), meaning)
 
 
 def _is_too_long(value: Any) -> bool:

@@ -106,7 +106,7 @@ def check_folder(option: str, path: str | Path, what: str) -> None:
         raise DataError(f"{option} {path}: {what} is a folder; give a name without {suffix}")
 
 
-def is_dataset(path: str) -> bool:
+def is_dataset(path: str | Path) -> bool:
     """Whether a file is a dataset file, by its name."""
     return Path(path).suffix in {".yaml", ".yml"}
 

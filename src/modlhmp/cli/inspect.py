@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from modlhmp.cli.app import DATA_ROOT, DataRoot, app
-from modlhmp.cli.inputs import check_folder
+from modlhmp.cli.inputs import check_folder, is_dataset
 
 
 @app.command()
@@ -29,12 +29,12 @@ def inspect(
     check_folder("--to", to, "where the picture and the page go")
     from modlhmp.inspection import inspect_dataset, inspect_file  # noqa: PLC0415 - other commands need none of it
 
-    is_dataset = what.suffix in {".yaml", ".yml"}
-    found = inspect_dataset(what, data_root) if is_dataset else inspect_file(what, data_root)
+    of_dataset = is_dataset(what)
+    found = inspect_dataset(what, data_root) if of_dataset else inspect_file(what, data_root)
     files = found.write(to, what.resolve().stem)
     typer.echo(found.summary(), err=True)
     typer.echo(f"Written: {', '.join(map(str, files))}", err=True)
     if found.draft:
         typer.echo(found.draft, nl=False)
-    if is_dataset and found.stops:
+    if of_dataset and found.stops:
         raise typer.Exit(1)

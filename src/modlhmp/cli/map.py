@@ -11,7 +11,7 @@ import typer
 
 from modlhmp import api, pictures
 from modlhmp.cli.app import DATA_ROOT, DataRoot, app
-from modlhmp.cli.inputs import STREAM, check_file, check_folder
+from modlhmp.cli.inputs import STREAM, check_file, check_folder, is_dataset
 from modlhmp.exchange import maps as exchange
 from modlhmp.exchange.forms import BY_NAME, find_form, recognise
 from modlhmp.exchange.parquet import PARQUET
@@ -68,7 +68,7 @@ def build(
     modlhmp map build tc_cliff results/real/atc/tracks/monday.parquet --timezone Asia/Tokyo --out hours
     """
     check_name("--out", kind, out)
-    if tracks.suffix in {".yaml", ".yml"}:
+    if is_dataset(tracks):
         from modlhmp.arguments import site_from  # noqa: PLC0415 - only this needs a dataset file
         from modlhmp.datasets import load_dataset  # noqa: PLC0415
         from modlhmp.settings import as_plain  # noqa: PLC0415

@@ -8,7 +8,7 @@ import typer
 from modlhmp import api
 from modlhmp.arguments import site_from, site_of_tracks
 from modlhmp.cli.app import DATA_ROOT, DataRoot
-from modlhmp.cli.inputs import check_file
+from modlhmp.cli.inputs import check_file, is_dataset
 from modlhmp.cli.map import SetOption, TimezoneOption, _options, _say, _summary, check_name, maps
 from modlhmp.datasets import load_dataset
 from modlhmp.recordings import clean
@@ -97,7 +97,7 @@ def _recordings(file: Path, data_root: Path, of: Site | str) -> list[tuple[str, 
     if file.suffix == ".parquet":
         rows = api.read_tracks(file)
         return [(file.stem, rows, of if isinstance(of, Site) else site_of_tracks(str(file), rows, timezone=of))]
-    if file.suffix not in {".yaml", ".yml"}:
+    if not is_dataset(file):
         raise DataError(f"{file}: describe it first: modlhmp inspect {file} > {file.stem}.yaml")
     dataset = load_dataset(file, data_root)
     site = site_from(as_plain(dataset), str(file))

@@ -78,11 +78,9 @@ def read_sheet(path: str | Path | People, lines: list[str]) -> Sheet:
     best = max((_fits([line for _, line in kept], separator) for separator in _SEPARATORS), key=lambda fit: fit[0])
     score, separator, marks, width, numeric = best
     decimal, thousands = marks
-    if score <= 0:
-        raise DataError(f"{path}: {_no_table([line for _, line in kept])}")
     table = [(n, _fields(line, separator)) for n, line in kept]
     begin = next((i for i, (_, row) in enumerate(table) if len(row) == width and _is_data(row, numeric, marks)), None)
-    if begin is None:  # columns of nothing, which is a number that was not measured
+    if score <= 0 or begin is None:  # or columns of nothing, which is a number that was not measured
         raise DataError(f"{path}: {_no_table([line for _, line in kept])}")
     above = [(n, row) for n, row in itertools.islice(table, max(begin - 2, 0), begin) if len(row) == width]
     if len(above) == 2 and not {field.lower() for field in above[1][1]} <= _UNITS:
