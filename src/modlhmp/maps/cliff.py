@@ -145,7 +145,8 @@ def _components_of(heading, speed, labels):
     for label in range(len(components)):
         found = _moments_of(label, heading, speed, labels)
         if found[0] > 0.0:
-            components[used] = found
+            for i in range(6):  # an assignment of slices takes numba many times as long to compile
+                components[used, i] = found[i]
             used += 1
     return components[:used].copy()
 
@@ -153,11 +154,17 @@ def _components_of(heading, speed, labels):
 @kernel
 def _moments_of(label, heading, speed, labels):
     """A cluster's share of the observations and its moments, [6]; a share of 0 where nobody is in it."""
-    mine = labels == label
+    headings, speeds, n = np.empty(len(labels)), np.empty(len(labels)), 0
+    for i in range(len(labels)):
+        if labels[i] == label:
+            headings[n], speeds[n] = heading[i], speed[i]
+            n += 1
     found = np.zeros(6)
-    if mine.any():
-        found[0] = mine.mean()
-        found[1:] = swgmm.moments(heading[mine], speed[mine])
+    if n:
+        moments = swgmm.moments(headings[:n], speeds[:n])
+        found[0] = n / len(labels)
+        for i in range(5):
+            found[1 + i] = moments[i]
     return found
 
 

@@ -39,20 +39,18 @@ def mean_shift(heading, speed, bandwidth):
     `heading` [rad] and `speed` [m/s] are [n]; `bandwidth` is the pair of the Gaussian's standard deviations
     (rad, m/s). Returns (labels [n], modes [m, 2]), modes ordered by falling number of members.
     """
-    if np.ptp(heading) == 0.0 and np.ptp(speed) == 0.0:
+    if heading.min() == heading.max() and speed.min() == speed.max():
         return np.zeros(len(heading), np.int64), np.array([[heading[0], speed[0]]])
     grid = _grid(speed, bandwidth)
     # Nothing finer than the grid can be told apart.
     width = max(bandwidth[0], grid.turn_step), max(bandwidth[1], grid.speed_step)
     weights, nearest = _spread(heading, speed, grid)
     shift = _shift_field(weights, width, grid)
-    occupied = np.argwhere(weights > 0.0)
-    weight = np.array([weights[i, j] for i, j in occupied])
+    occupied, weight, row_of = _occupied(weights)
     labels, ends = _climb(occupied, weight, shift, width, grid)
-    of_node = np.full(weights.shape, -1)
-    for row in range(len(occupied)):
-        of_node[occupied[row, 0], occupied[row, 1]] = labels[row]
-    of_point = np.array([of_node[i, j] for i, j in nearest])
+    of_point = np.empty(len(nearest), np.int64)
+    for n in range(len(nearest)):
+        of_point[n] = labels[row_of[nearest[n, 0], nearest[n, 1]]]
     return _order(of_point, labels, ends, weight, grid)
 
 
@@ -118,6 +116,21 @@ def _spread(heading, speed, grid):
         weights[after, j + 1] += a * b
         nearest[n, 0], nearest[n, 1] = after if a >= 0.5 else i, j + (b >= 0.5)
     return weights, nearest
+
+
+@kernel
+def _occupied(weights):
+    """Nodes with any weight, [m, 2], their weights [m], and the row of each node among them, [turn, speeds]."""
+    turn, speeds = weights.shape
+    occupied, weight = np.empty((turn * speeds, 2), np.int64), np.empty(turn * speeds)
+    row_of, m = np.empty((turn, speeds), np.int64), 0
+    for i in range(turn):
+        for j in range(speeds):
+            if weights[i, j] > 0.0:
+                occupied[m, 0], occupied[m, 1], weight[m] = i, j, weights[i, j]
+                row_of[i, j] = m
+                m += 1
+    return occupied[:m].copy(), weight[:m].copy(), row_of
 
 
 @kernel

@@ -94,6 +94,15 @@ def precompute(components):
     return terms
 
 
+@kernel
+def windings_of(components):
+    """How many windings to each side of components [J, 6] EM takes, [J]."""
+    windings = np.empty(len(components), np.int64)
+    for j in range(len(components)):
+        windings[j] = 0 if components[j, 3] < NARROW else WINDINGS
+    return windings
+
+
 @kernel(inline="always")
 def log_density_one(heading, speed, terms, first, last):
     """Log mixture density of one velocity under the components `first` to `last` - 1 of `terms`."""
@@ -133,7 +142,7 @@ def _em(heading, speed, components, max_iterations, tolerance):
     before = -np.inf
     for iteration in range(max_iterations + 1):
         terms = precompute(components)
-        windings = np.where(components[:, 3] < NARROW, 0, WINDINGS)
+        windings = windings_of(components)
         statistics[:] = 0.0
         log_likelihood = 0.0
         for first in range(0, n, BLOCK):
@@ -218,7 +227,12 @@ def add_statistics(heading, speed, terms, windings, share, statistics):
                 s3 += r[i] * dt * dt
                 s4 += r[i] * dt * dr
                 s5 += r[i] * dr * dr
-            statistics[j] += np.array([s0, s1, s2, s3, s4, s5])
+            statistics[j, 0] += s0
+            statistics[j, 1] += s1
+            statistics[j, 2] += s2
+            statistics[j, 3] += s3
+            statistics[j, 4] += s4
+            statistics[j, 5] += s5
 
 
 @kernel(inline="always")

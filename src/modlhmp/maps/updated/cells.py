@@ -13,12 +13,12 @@ from modlhmp.kernels import kernel
 from modlhmp.maps.cliff import MIN_CLUSTER
 from modlhmp.maps.swgmm import (
     MAX_ITERATIONS,
-    NARROW,
     WINDINGS,
     add_statistics,
     floor_covariance,
     precompute,
     relative_densities,
+    windings_of,
 )
 
 HEADINGS, HEADING_STEP = 36, TWO_PI / 36
@@ -50,12 +50,21 @@ def fit_cells(starts, bins, weights):
         fitted = _fit(bins[some], weights[some])
         if used + len(fitted) > len(found):
             grown = np.empty((2 * len(found) + MOST_COMPONENTS, 6))
-            grown[:used] = found[:used]
+            for j in range(used):
+                _copy_row(found, j, grown, j)
             found = grown
-        found[used : used + len(fitted)] = fitted
+        for j in range(len(fitted)):
+            _copy_row(fitted, j, found, used + j)
         used += len(fitted)
         first[c + 1] = used
     return first, found[:used].copy()
+
+
+@kernel
+def _copy_row(source, row, to, place):
+    """Copy a row of [n, 6]: numba takes many times as long to compile an assignment of slices."""
+    for i in range(6):
+        to[place, i] = source[row, i]
 
 
 @kernel
@@ -67,30 +76,69 @@ def _fit(bins, weights):
     total = weights.sum()
     while True:
         _em(heading, speed, weights, components)
-        heavy = components[:, 0] * total >= 1.0
-        if heavy.all() or not heavy.any():
-            break
-        components = components[heavy]
-        components[:, 0] /= components[:, 0].sum()
-    return components[np.argsort(-components[:, 0], kind="mergesort")]
+        kept = 0
+        for j in range(len(components)):
+            kept += components[j, 0] * total >= 1.0
+        if kept == len(components) or not kept:
+            return _by_weight(components)
+        heavy, kept = np.empty((kept, 6)), 0
+        for j in range(len(components)):
+            if components[j, 0] * total >= 1.0:
+                _copy_row(components, j, heavy, kept)
+                kept += 1
+        _normalise(heavy)
+        components = heavy
+
+
+@kernel
+def _normalise(components):
+    """Make the weights of components [J, 6] sum to 1."""
+    total = 0.0
+    for j in range(len(components)):
+        total += components[j, 0]
+    for j in range(len(components)):
+        components[j, 0] /= total
+
+
+@kernel
+def _by_weight(components):
+    """Components [J, 6] by falling weight; of the same weight in the order that they have."""
+    ordered = np.empty_like(components)
+    for j in range(len(components)):
+        place = 0
+        for other in range(len(components)):
+            heavier = components[other, 0] - components[j, 0]
+            place += heavier > 0.0 or (heavier == 0.0 and other < j)
+        _copy_row(components, j, ordered, place)
+    return ordered
 
 
 @kernel
 def _bandwidth(heading, speed, weights):
     """`mean_shift.bandwidth_isotropic` of a histogram."""
-    n, east, north = weights.sum(), (weights * np.cos(heading)).sum(), (weights * np.sin(heading)).sum()
-    distance = np.hypot(one_turn(heading - np.arctan2(north, east)), speed)
-    mean = (weights * distance).sum() / n
-    variance = (weights * (distance - mean) ** 2).sum() / max(n - 1.0, 1.0)
-    return max((4.0 / (3.0 * n)) ** 0.2 * np.sqrt(variance), 1e-5)
+    n = east = north = mean = variance = 0.0
+    for i in range(len(weights)):
+        n += weights[i]
+        east += weights[i] * np.cos(heading[i])
+        north += weights[i] * np.sin(heading[i])
+    direction, distance = np.arctan2(north, east), np.empty(len(weights))
+    for i in range(len(weights)):
+        distance[i] = np.hypot(one_turn(heading[i] - direction), speed[i])
+        mean += weights[i] * distance[i]
+    mean /= n
+    for i in range(len(weights)):
+        variance += weights[i] * (distance[i] - mean) ** 2
+    return max((4.0 / (3.0 * n)) ** 0.2 * np.sqrt(variance / max(n - 1.0, 1.0)), 1e-5)
 
 
 @kernel
 def _hills(bins, heading, speed, weights):
     """Label [m] of each bin: the hill of the smoothed histogram on which it lies; small ones joined to the nearest."""
     h = NARROWER * _bandwidth(heading, speed, weights)
-    low = (bins % SPEEDS).min()
-    speeds = (bins % SPEEDS).max() - low + 1
+    low, high = SPEEDS, 0
+    for n in range(len(bins)):
+        low, high = min(low, bins[n] % SPEEDS), max(high, bins[n] % SPEEDS)
+    speeds = high - low + 1
     smooth = _smoothed(bins, weights, h, low, speeds)
     labels, roots, number = np.empty(len(bins), np.int64), np.full(HEADINGS * speeds, -1), 0
     for n in range(len(bins)):
@@ -117,7 +165,9 @@ def _hills(bins, heading, speed, weights):
 def _smoothed(bins, weights, h, low, speeds):
     """The histogram [HEADINGS, speeds] under a Gaussian of standard deviation h in rad and in m/s."""
     across, smooth = np.zeros((HEADINGS, speeds)), np.zeros((HEADINGS, speeds))
-    along = np.exp(-0.5 * (np.arange(speeds) * (SPEED_STEP / h)) ** 2)
+    along = np.empty(speeds)
+    for away in range(speeds):
+        along[away] = np.exp(-0.5 * (away * (SPEED_STEP / h)) ** 2)
     for n in range(len(bins)):
         i, j = bins[n] // SPEEDS, bins[n] % SPEEDS - low
         for at in range(speeds):
@@ -138,18 +188,17 @@ def _joined(heading, speed, weights, labels, number):
     mass = np.zeros(number)
     for n in range(len(labels)):
         mass[labels[n]] += weights[n]
-    large = mass >= MIN_CLUSTER
-    if not large.any():
-        return np.zeros_like(labels)
-    centre = _components(heading, speed, weights, labels)[:, 1:3]
+    if mass.max() < MIN_CLUSTER:
+        return np.zeros(len(labels), np.int64)
+    clusters = _components(heading, speed, weights, labels)
     joined = labels.copy()
     for n in range(len(labels)):
-        if not large[labels[n]]:
+        if mass[labels[n]] < MIN_CLUSTER:
             nearest = np.inf
             for j in range(number):
-                turn = one_turn(heading[n] - centre[j, 0])
-                d2 = turn**2 + (speed[n] - centre[j, 1]) ** 2
-                if large[j] and d2 < nearest:
+                turn = one_turn(heading[n] - clusters[j, 1])
+                d2 = turn**2 + (speed[n] - clusters[j, 2]) ** 2
+                if mass[j] >= MIN_CLUSTER and d2 < nearest:
                     nearest, joined[n] = d2, j
     return joined
 
@@ -157,33 +206,40 @@ def _joined(heading, speed, weights, labels, number):
 @kernel
 def _components(heading, speed, weights, labels):
     """Weight and moments [J, 6] of each cluster that has members, by rising label."""
-    used = np.unique(labels)
-    components = np.zeros((len(used), 6))
-    for j in range(len(used)):
+    last, total = 0, 0.0
+    for i in range(len(labels)):
+        last = max(last, labels[i])
+        total += weights[i]
+    components, used = np.empty((last + 1, 6)), 0
+    for label in range(last + 1):
         n = east = north = mr = 0.0
         for i in range(len(labels)):
-            if labels[i] == used[j]:
+            if labels[i] == label:
                 n += weights[i]
                 east += weights[i] * np.cos(heading[i])
                 north += weights[i] * np.sin(heading[i])
                 mr += weights[i] * speed[i]
+        if n == 0.0:  # its members were given to others
+            continue
         mt, mr = np.arctan2(north, east), mr / n
         shift = 0.0
         for i in range(len(labels)):
-            if labels[i] == used[j]:
+            if labels[i] == label:
                 shift += weights[i] * one_turn(heading[i] - mt)
         shift /= n
         vtt = vtr = vrr = 0.0
         for i in range(len(labels)):
-            if labels[i] == used[j]:
+            if labels[i] == label:
                 dt, dr = one_turn(heading[i] - mt) - shift, speed[i] - mr
                 vtt += weights[i] * dt * dt
                 vtr += weights[i] * dt * dr
                 vrr += weights[i] * dr * dr
         # What lies in one bin is as wide as the bin.
         vtt, vtr, vrr = floor_covariance(max(vtt / n, VARIANCES[0]), vtr / n, max(vrr / n, VARIANCES[1]))
-        components[j] = np.array([n / weights.sum(), one_turn(mt + shift), mr, vtt, vtr, vrr])
-    return components
+        components[used, 0], components[used, 1], components[used, 2] = n / total, one_turn(mt + shift), mr
+        components[used, 3], components[used, 4], components[used, 5] = vtt, vtr, vrr
+        used += 1
+    return components[:used].copy()
 
 
 @kernel
@@ -196,23 +252,25 @@ def _em(heading, speed, weights, components):
     """
     n, m = len(heading), len(components)
     share = np.empty((m, 2 * WINDINGS + 1, n))
-    statistics, stepped = np.empty((m, 6)), components.copy()
+    stepped = components.copy()
     total, before, factor = weights.sum(), -np.inf, 1.0
     for iteration in range(MAX_ITERATIONS + 1):
         terms = precompute(components)
-        windings = np.where(components[:, 3] < NARROW, 0, WINDINGS)
+        windings = windings_of(components)
         log_likelihood = _shares(heading, speed, weights, terms, windings, share)
         if log_likelihood < before and factor > 1.0:  # too far: back to where EM would have gone
-            components[:], factor = stepped, 1.0
+            for j in range(m):
+                _copy_row(stepped, j, components, j)
+            factor = 1.0
             continue
         if iteration == MAX_ITERATIONS or log_likelihood - before <= TOLERANCE * total:
             return
         before, factor = log_likelihood, FARTHER * factor
-        statistics[:] = 0.0
+        statistics = np.zeros((m, 6))
         add_statistics(heading, speed, terms, windings, share, statistics)
         for j in range(m):
             _step(statistics[j], total, components[j], stepped[j], factor)
-        components[:, 0] /= components[:, 0].sum()
+        _normalise(components)
 
 
 @kernel
