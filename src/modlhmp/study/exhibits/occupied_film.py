@@ -34,7 +34,7 @@ def draw(layout: Layout, dataset: Dataset, stem: str, title: str) -> None:
     shape = (high_y - low_y + 4) / (high_x - low_x + 4)
     rows = len(FILM) if shape < BROAD else 1
     width_mm = (style.PAGE_MM - 22) * rows / len(FILM)
-    fig, axes = style.figure(rows, len(FILM) // rows, style.PAGE_MM, rows * (width_mm * shape + 10) + 14)
+    fig, axes = style.figure(rows, len(FILM) // rows, style.PAGE_MM, rows * (width_mm * shape + 14) + 14)
     for ax, at_s in zip(axes.ravel(), wanted, strict=True):
         then = drawn[np.isclose(drawn["at_s"], at_s)]
         cells, people = then[then["what"] == "cell"], then[then["what"] == "person"]
@@ -47,7 +47,7 @@ def draw(layout: Layout, dataset: Dataset, stem: str, title: str) -> None:
         ax.plot(people["x"], people["y"], **TRUTH)
         ax.set(xlim=limits[0], ylim=limits[1][:: -1 if style.image_coordinates(dataset) else 1])
         ax.set_title(
-            f"after {at_s:g} s: {cells['p'].sum():.1f} cells foretold, {len(people)} of {len(now)} still there"
+            f"after {at_s:g} s\n{cells['p'].sum():.1f} cells foretold, {len(people)} of {len(now)} still there"
         )
         ax.grid(False)
     for ax in axes[-1]:
