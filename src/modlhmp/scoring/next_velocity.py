@@ -53,32 +53,41 @@ def score_next(
     steps = (truth[:, STEP - 1] - truth[:, STEP - 2]) / site.time_step_s
     speed, heading = np.hypot(*steps.T), np.arctan2(steps[:, 1], steps[:, 0])
     counted, log_p = (length >= STEP) & (speed > 0), np.full((len(speed), len(KERNELS)), np.nan)
-    for _, mine, forecast in in_order(forecasts, wanted, recording):
-        samples = forecast.samples
-        xy = samples.xy[:, :, :STEP].astype(float)
+    for _, of, forecast in in_order(forecasts, wanted, recording):
+        walks, samples = counted[of], forecast.samples
+        mine, xy = of[walks], samples.xy[walks, :, :STEP].astype(float)
         moved = (xy[:, :, STEP - 1] - xy[:, :, STEP - 2]) / site.time_step_s
-        moved[samples.steps_alive < STEP] = np.nan
+        moved[samples.steps_alive[walks] < STEP] = np.nan
         log_p[mine] = kernel_density(moved, heading[mine], speed[mine])
     return Scored(wanted.track_id[counted], heading[counted], speed[counted], log_p[counted])
 
 
 def kernel_density(samples: np.ndarray, heading: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """Log density [n, kernels] of velocities, per rad and m/s, under samples [n, m, 2] in m/s (NaN: none)."""
-    from scipy.special import log_ndtr, logsumexp  # noqa: PLC0415 - 0.1 s that other scores do not need
+    from scipy.special import log_ndtr  # noqa: PLC0415 - 0.1 s that other scores do not need
 
     alive = np.isfinite(samples[..., 0])
-    of_samples = np.hypot(samples[..., 0], samples[..., 1])
-    turn = circular_difference(heading[:, None], np.arctan2(samples[..., 1], samples[..., 0]))
-    up = speed[:, None] - of_samples
+    east, north = np.where(alive[..., None], samples, 1.0).transpose(2, 0, 1)
+    of_samples = np.hypot(east, north)
+    turn, up = circular_difference(heading[:, None], np.arctan2(north, east)), speed[:, None] - of_samples
+    # A kernel is a product: what is of the heading alone, and of the speed alone, is the same for several.
+    around = {sd: np.where(alive, _wrapped(turn, sd), -np.inf) for sd in HEADING_RAD}
+    # A kernel's share of speeds above 0 makes up for the rest.
+    along = {sd: -0.5 * (up / sd) ** 2 - log_ndtr(of_samples / sd) - np.log(sd) for sd in SPEED_M_S}
     number = alive.sum(axis=1)
-    found = np.full((len(heading), len(KERNELS)), np.nan)
-    for column, (sd_heading, sd_speed) in enumerate(KERNELS):
-        around = logsumexp(
-            [-0.5 * ((turn + TWO_PI * k) / sd_heading) ** 2 for k in range(-WINDINGS, WINDINGS + 1)], axis=0
-        )
-        above = log_ndtr(of_samples / sd_speed)  # the kernel's share of speeds above 0
-        terms = around - 0.5 * (up / sd_speed) ** 2 - above - np.log(TWO_PI * sd_heading * sd_speed)
-        with np.errstate(divide="ignore"):
-            mean = logsumexp(np.where(alive, terms, -np.inf), axis=1) - np.log(np.maximum(number, 1))
-        found[:, column] = np.where(number > 0, mean, np.nan)
-    return found
+    found = np.empty((len(heading), len(KERNELS)))
+    with np.errstate(divide="ignore"):
+        for column, (sd_heading, sd_speed) in enumerate(KERNELS):
+            terms = around[sd_heading] + along[sd_speed]
+            peak = terms.max(axis=1, initial=-1e300)  # scipy's logsumexp does the same in three times the time
+            found[:, column] = peak + np.log(np.exp(terms - peak[:, None]).sum(axis=1) / np.maximum(number, 1))
+    found[number == 0] = np.nan
+    return found - np.log(TWO_PI)
+
+
+def _wrapped(turn, sd):
+    """Log of a normal density's sum over the turns of the circle, but for 1 / sqrt(2 pi)."""
+    once, *more = (-0.5 * ((turn + TWO_PI * k) / sd) ** 2 for k in range(-WINDINGS, WINDINGS + 1))
+    for one in more:
+        once = np.logaddexp(once, one)
+    return once - np.log(sd)
