@@ -1,5 +1,7 @@
 """Exhibits of occupied cells: the table's cells by hand, the panels, and a dataset of nobody."""
 
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -83,7 +85,10 @@ def test_a_film_of_three_moments(layout, tmp_path, figures, width, rows):
     occupied_film.draw(layout, HALL, str(tmp_path / "f"), "Episodes")
     (fig,) = figures
     panels = [ax for ax in fig.axes if ax.get_title()]
-    assert [ax.get_title().split(":")[0] for ax in panels] == ["after 2 s", "after 4 s", "after 8 s"]
+    assert [ax.get_title().splitlines()[0] for ax in panels] == ["after 2 s", "after 4 s", "after 8 s"]
+    fig.canvas.draw()
+    boxes = [ax.title.get_window_extent() for ax in panels]
+    assert not any(one.overlaps(other) for one, other in pairwise(boxes)), "titles run into one another"
     assert {ax.get_gridspec().nrows for ax in panels} == {rows}
     assert [ax.get_xlabel() for ax in panels] == (["", "", "x [m]"] if rows == 3 else ["x [m]"] * 3)
     assert [ax.get_ylabel() for ax in panels] == (["y [m]"] * 3 if rows == 3 else ["y [m]", "", ""])
