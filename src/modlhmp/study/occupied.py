@@ -253,7 +253,7 @@ def reliability_of(bins: pd.DataFrame) -> pd.DataFrame:
     (both: C. Cameron, J. Gelbach, D. Miller, J. Bus. Econ. Stat. 29, 2011). A bin of `ENOUGH` cells is calibrated if
     its outcome is within `CLOSE` of the forecast, or the forecast within the interval; of others nothing is said.
     """
-    from scipy.stats import t  # noqa: PLC0415 - takes a second to load, and only tables of the bins need it
+    from scipy.special import stdtrit  # noqa: PLC0415 - 0.1 s that only tables of the bins need
 
     rows = []
     for (method, horizon_s, number), group in bins.groupby(["method", "horizon_s", "bin"], sort=False):
@@ -264,7 +264,7 @@ def reliability_of(bins: pd.DataFrame) -> pd.DataFrame:
         by_both = [(one**2).sum() * len(one) / max(len(one) - 1, 1) for one in places]
         variance = max(sum(by_both) - (rest**2).sum(), *by_both) / n**2
         clusters = min(map(len, places))
-        half = float(t.ppf(0.975, clusters - 1) * np.sqrt(variance)) if clusters > 1 else np.nan
+        half = float(stdtrit(clusters - 1, 0.975) * np.sqrt(variance)) if clusters > 1 else np.nan
         apart = abs(outcome - forecast)
         calibrated = bool(apart <= CLOSE or apart <= half) if n >= ENOUGH else None
         rows.append((method, horizon_s, number, forecast, outcome, half, n, calibrated))
