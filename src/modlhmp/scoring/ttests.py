@@ -108,24 +108,19 @@ def _test(mean, without, n, varies):
     error = np.sqrt((clusters - 1) / clusters * (about**2).sum()) if clusters > 1 else 0.0
     if not (varies and error > 0):
         return MeanTest(n, clusters, mean, *[np.nan] * 6)
-    stdtr, stdtrit = _students_t()
+    from scipy.special import stdtr, stdtrit  # noqa: PLC0415 - 0.1 s, and most exhibits test nothing
+
     t, freedom = mean / error, clusters - 1
     reach = stdtrit(freedom, 0.975) * error
     return MeanTest(n, clusters, mean, mean - reach, mean + reach, np.nan, t, stdtr(freedom, t), stdtr(freedom, -t))
-
-
-def _students_t():
-    """Student's t distribution, of degrees of freedom and a value, and its inverse: what scipy.stats.t calls."""
-    from scipy.special import stdtr, stdtrit  # noqa: PLC0415 - 0.1 s, and most exhibits test nothing; stats takes 0.7 s
-
-    return stdtr, stdtrit
 
 
 def detectable(test: MeanTest, level: float = 0.05, power: float = 0.8) -> float:
     """The difference that a one-sided test of such a spread and number of clusters would find in four of five tries."""
     if not np.isfinite(test.low):
         return float("nan")
-    _, stdtrit = _students_t()
+    from scipy.special import stdtrit  # noqa: PLC0415 - likewise
+
     reach, one_sided, found = (stdtrit(test.clusters - 1, p) for p in (0.975, 1 - level, power))
     return float((one_sided + found) * (test.high - test.low) / 2 / reach)
 
