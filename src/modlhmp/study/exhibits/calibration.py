@@ -38,16 +38,12 @@ def draw(
         tables.append(table)
     handles = [style.line_of(list(methods).index(method)) for method in measured]
     handles.append(style.plt.Line2D([], [], **EXACT))
-    fig.legend(
-        handles,
-        [*(methods[method] for method in measured), "as announced"],
-        loc="outside lower center",
-        ncols=len(handles),
-        title="Means in ten bins, bars: 95 % of the mean; hollow: fewer than five tracks.\n"
+    note = (
+        "Means in ten bins, bars: 95 % of the mean; hollow: fewer than five tracks.\n"
         "Errors: bins of equally many tracks; above the line, a method is too sure of itself.\n"
-        "Having left: bins of equally wide probability; above the line, more people have left than announced.",
-        title_fontsize=6,
+        "Having left: bins of equally wide probability; above the line, more people have left than announced."
     )
+    style.legend_below(fig, handles, [*(methods[method] for method in measured), "as announced"], note, most=5)
     style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset.demo for dataset in datasets))
 
 

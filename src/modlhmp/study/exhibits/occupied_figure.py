@@ -43,15 +43,11 @@ def draw(
         tables.append(table)
     handles: list[Artist] = [style.line_of(place) for place in range(len(titles))]
     handles += [style.plt.Line2D([], [], **EXACT), style.plt.Rectangle((0, 0), 1, 1, **NEAR)]
-    fig.legend(
-        handles,
-        [*titles.values(), "as announced", f"within {CLOSE:g}"],
-        loc="outside lower center",
-        ncols=len(handles),
-        title="Cells of 1 m in ten bins of their probability. Bars: 95 % of the share, cells of a half-hour and of a "
-        f"place together; hollow: fewer than {ENOUGH} cells.",
-        title_fontsize=6,
+    note = (
+        "Cells of 1 m in ten bins of their probability. Bars: 95 % of the share, cells of a half-hour and of a "
+        f"place together; hollow: fewer than {ENOUGH} cells."
     )
+    style.legend_below(fig, handles, [*titles.values(), "as announced", f"within {CLOSE:g}"], note, most=5)
     style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset.demo for dataset in datasets))
 
 

@@ -45,7 +45,7 @@ def draw(
     for panel in axes[-1]:
         panel.set_xlabel("training tracks used [%]")
     handles = [style.line_of(position) for position in range(len(titles))]
-    fig.legend(handles, list(titles.values()), loc="outside lower center", ncols=len(titles))
+    style.legend_below(fig, handles, list(titles.values()), "", most=5)
     style.save(fig, stem, rows, any(dataset.demo for dataset in datasets))
 
 
