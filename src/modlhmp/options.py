@@ -163,8 +163,8 @@ class Episodes(Alike):
     persons: WholeFrom1 = option(25, "persons replayed: those still under way at each second")
     samples: Literal["persons", "pieces"] = option(
         "persons",
-        "single replays: of the nearest `persons`, once each; or of the nearest `pieces`, whosoever they are, as suits "
-        "a moment at which everyone is asked who is there: those who stay long are met most",
+        "`persons`: one replay of each of the nearest persons; `pieces`: replays of the nearest pieces, several of one "
+        "person if need be, to forecast everyone who is there at a moment, as `Live` does",
     )
     reach_m: Metres = option(10.0, "persons farther from the walker in this metric are not replayed [m]")
 
@@ -217,8 +217,8 @@ class Learning:
     seed: WholeFrom0 = option(0, "of the first weights, the batches and the choice of held-out persons")
     epoch: Literal["best", "last"] = option(
         "best",
-        "whose weights forecast: `best` on the held-out persons, or the `last`; no training of its own where a "
-        "method inherits all else",
+        "the weights that forecast are of this epoch: the `best` on the held-out persons, or the `last`; a method that "
+        "inherits all else has no training of its own",
     )
     doubling: bool = option(
         False, "train anew with twice the windows as long as that is more than 3 % better on the held-out persons"

@@ -327,7 +327,7 @@ TARGETS = {
                    seal_text),
     "live": Target("rows.jsonl", text(LIVE), live),
     "command, forecast": command("forecast", "--map", "m.parquet", "--tracks", "a.csv", "--horizon", "3", "--best",
-                                 "--option", "k=3"),
+                                 "--set", "k=3"),
     "command, info": command("map", "info", "m.parquet", "--timezone", "UTC", "--set", "x=1,2"),
     "command, convert": command("map", "convert", "m.parquet", "-", "--to", "matlab", "--header"),
     "command, kinds": command("kinds", "cliff"),

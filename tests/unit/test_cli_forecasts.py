@@ -92,9 +92,9 @@ def test_streams_and_files_hold_the_same(folder, tmp_path):
 
 def test_options_of_the_method(folder):
     arguments = ("forecast", "--map", folder / "hall.parquet", "--tracks", folder / "walks.csv", "--horizon", 3)
-    few = table(*arguments, "--option", "persons=2")
+    few = table(*arguments, "--set", "persons=2")
     assert few["sample"].max() < table(*arguments)["sample"].max()
-    modes = table(*arguments[:3], "--tracks", folder / "walks.parquet", *arguments[5:], "--option", "output=modes")
+    modes = table(*arguments[:3], "--tracks", folder / "walks.parquet", *arguments[5:], "--set", "output=modes")
     futures = modlhmp.forecast(modlhmp.load_map(folder / "hall.parquet"), CROWD, 3, output="modes")
     _, shares, alive = futures.modes
     shares = shares * (alive > 0)  # what ends at once has no rows
@@ -238,8 +238,8 @@ def test_a_file_whose_form_is_in_doubt(tmp_path):
         (("--horizon", 2.5), "horizon_s 2.5: give a multiple of 1 s"),
         (("--plot",), "--plot: the picture lies beside the file"),
         (("--out", "f.txt"), "--out f.txt: the name must end in .csv, .parquet or .ndjson"),
-        (("--option", "velo=1"), "unknown key 'velo', did you mean 'velocity'?"),
-        (("--option", "velocity"), "--option 'velocity': write NAME=VALUE"),
+        (("--set", "velo=1"), "unknown key 'velo', did you mean 'velocity'?"),
+        (("--option", "velocity=maybe"), "velocity: 'maybe' is not one of"),  # the name it had
         (("--at", 5), "--at 5: nobody in"),
         (("--at", 5), f"its times are {CROWD.t.min():.0f} to {CROWD.t.max():.0f} s"),
         (("--seed", -1), "--seed -1: give a whole number"),
@@ -251,6 +251,12 @@ def test_a_file_whose_form_is_in_doubt(tmp_path):
 def test_bad_arguments(folder, more, told):
     with pytest.raises(modlhmp.DataError, match=re.escape(told)):
         said("forecast", "--map", "cvm", "--tracks", folder / "walks.csv", *more)
+
+
+def test_an_option_without_a_value(folder):
+    words = ["forecast", "--map", "cvm", "--tracks", str(folder / "walks.csv"), "--set", "velocity"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 2 and "--set 'velocity': give NAME=VALUE" in done.stderr
 
 
 # --- score ----------------------------------------------------------------------------------------------------------

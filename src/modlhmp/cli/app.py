@@ -33,6 +33,10 @@ DataRoot = Annotated[  # of every verb that takes a dataset file; its default is
     ),
 ]  # fmt: skip
 DATA_ROOT = Path("data")
+SetOption = Annotated[  # of every verb that takes options of a kind; `inputs.named_values` reads it
+    list[str] | None,
+    typer.Option("--set", "--option", metavar="NAME=VALUE", help="An option, as `modlhmp kinds NAME` lists them."),
+]
 
 
 @app.callback()

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from modlhmp.cli.app import DATA_ROOT, DataRoot, app
-from modlhmp.cli.inputs import STREAM, check_file, map_or_kind, read_walkers
+from modlhmp.cli.app import DATA_ROOT, DataRoot, SetOption, app
+from modlhmp.cli.inputs import STREAM, check_file, map_or_kind, named_values, read_walkers
 from modlhmp.storage import DataError
 from modlhmp.tracks import shown_s
 
@@ -33,9 +33,7 @@ def forecast(
     data_root: DataRoot = DATA_ROOT,
     best: Annotated[bool, typer.Option("--best", help="One path for each person instead of the samples.")] = False,
     seed: Annotated[int, typer.Option(metavar="NUMBER", help="Of the samples.")] = 0,
-    option: Annotated[
-        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An option of the method: `modlhmp kinds NAME`.")
-    ] = None,
+    options: SetOption = None,
     plot: Annotated[bool, typer.Option("--plot", help="Draw them, too: a picture beside the file.")] = False,
 ) -> None:
     """Forecast where people go, from what was seen of each last.
@@ -54,6 +52,8 @@ def forecast(
     """
     import modlhmp  # noqa: PLC0415 - other commands need none of it
 
+    if seed < 0:
+        raise DataError(f"--seed {seed}: give a whole number from 0")
     if plot and out == STREAM:
         raise DataError("--plot: the picture lies beside the file of forecasts; name one by --out")
     if out != STREAM:
@@ -66,7 +66,7 @@ def forecast(
     _check_ids(owners, seen, tracks, out)
     if recorded and of_map is None and site.velocity == "differences":
         _tell_of_speeds(by, tracks)
-    futures = modlhmp.forecast(source, seen, horizon, seed, site=site, **_options(option or [], seed))
+    futures = modlhmp.forecast(source, seen, horizon, seed, site=site, **named_values(options))
     _tell_of_unknown(futures, tracks)
     _write(futures, owners, out, best)
     if plot:
@@ -85,24 +85,6 @@ def _tell_of_unknown(futures: Any, tracks: str) -> None:
         )
     if unknown := int((~futures.known).sum()):
         typer.echo(f"{unknown} of {len(futures.known)} people have no forecast: the map tells nothing there", err=True)
-
-
-def _options(given: list[str], seed: int) -> dict[str, Any]:
-    """Options as `--option name=value` gives them; their types are checked where they are used."""
-    if seed < 0:
-        raise DataError(f"--seed {seed}: give a whole number from 0")
-    found: dict[str, Any] = {}
-    for one in given:
-        name, equals, value = one.partition("=")
-        if not equals or not name:
-            raise DataError(f"--option {one!r}: write NAME=VALUE, such as beta=2")
-        found[name] = {"true": True, "false": False}.get(value, value)
-    if "k" in found:
-        try:
-            found["k"] = int(found["k"])
-        except ValueError:
-            raise DataError(f"--option k={found['k']}: give a whole number") from None
-    return found
 
 
 def _seen(walkers: Any, at: float | None, rows: int, file: str) -> Any:

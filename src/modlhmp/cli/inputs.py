@@ -1,12 +1,13 @@
 """What verbs read and write: tracks in any form that is beyond doubt, streams, tables."""
 
 import contextlib
+import json
 import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import typer
@@ -27,6 +28,23 @@ OF_FILES = {
     *(".csv", ".html", ".json", ".jsonl", ".ndjson", ".npz", ".parquet", ".pdf", ".png", ".svg", ".txt", ".xml"),
     *(".yaml", ".yml"),
 }
+
+
+def named_values(given: list[str] | None) -> dict[str, Any]:
+    """What `--set NAME=VALUE` gave, as {name: value}: a number, true, false, null or a word; x=-60,80 is a list.
+
+    Whether there is such an option, and its type, is checked where it is used.
+    """
+    found: dict[str, Any] = {}
+    for one in given or []:
+        name, mark, value = one.partition("=")
+        if not mark or not name:
+            raise typer.BadParameter(f"--set {one!r}: give NAME=VALUE, such as k=20")
+        try:
+            found[name] = json.loads(f"[{value}]" if "," in value else value)
+        except (ValueError, RecursionError):
+            found[name] = value
+    return found
 
 
 class Walkers(NamedTuple):

@@ -22,7 +22,7 @@ def kinds(name: Annotated[str, typer.Argument(hidden=True, metavar="NAME")] = ""
     for kind in all_kinds().values():
         what = "map" if kind.has_map else "network" if kind.learned else "predictor"
         what += ", one per hour" if kind.hourly else ""
-        typer.echo(f"{kind.name:<14} {kind.title:<14} {what}")
+        typer.echo(f"{kind.name:<16} {kind.title:<23} {what}")
     return None
 
 

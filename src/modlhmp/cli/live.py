@@ -3,12 +3,11 @@
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-import yaml
 
-from modlhmp.cli.app import app
+from modlhmp.cli.app import SetOption, app
 from modlhmp.storage import DataError, no_folder
 
 if TYPE_CHECKING:
@@ -69,9 +68,7 @@ def live(
     ] = "",
     samples: Annotated[int, typer.Option(metavar="N", min=0, help="Tell so many samples of everyone.")] = 0,
     exits: Annotated[Path | None, typer.Option(metavar="FILE", help="The ways out, for a map that is sampled.")] = None,
-    options: Annotated[
-        list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An option that `modlhmp kinds KIND` lists.")
-    ] = None,
+    options: SetOption = None,
     keep: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="MAP is a state of `map update`: write here what it holds when rows end."),
@@ -86,7 +83,7 @@ def live(
 
     if keep is not None:
         check_file("--keep", keep, ".parquet")
-    forecaster = _forecaster(map_file, horizon, exits, options or [])
+    forecaster = _forecaster(map_file, horizon, exits, options)
     if keep is not None and not forecaster.learns:
         raise DataError(f"--keep {keep}: {map_file} is a finished map: give the state that modlhmp map update keeps")
     at_s, every_s = _moments(forecaster, occupancy), _every(forecaster, every)
@@ -129,26 +126,19 @@ def _counted(counts: Mapping[str, int]) -> int:
     return NO_ROW if counts["bad"] and not counts["taken"] else 0
 
 
-def _forecaster(map_file: str, horizon_s: float | None, exits: Path | None, options: list[str]) -> "Live":
+def _forecaster(map_file: str, horizon_s: float | None, exits: Path | None, options: list[str] | None) -> "Live":
     """The `Live` of what was said."""
     from modlhmp.api import load_map  # noqa: PLC0415 - as other verbs do
-    from modlhmp.cli.inputs import map_or_kind  # noqa: PLC0415
+    from modlhmp.cli.inputs import map_or_kind, named_values  # noqa: PLC0415
     from modlhmp.live import Live  # noqa: PLC0415
     from modlhmp.updates import UpdatedMap, is_state  # noqa: PLC0415
 
-    given: dict[str, Any] = {}
-    for one in options:
-        name, equals, value = one.partition("=")
-        if not equals or not name:
-            raise DataError(f"--set {one!r}: give NAME=VALUE, such as k=20")
+    given = named_values(options)
+    for name, value in given.items():
         if name in HERE:
-            raise DataError(f"--set {one!r}: here that is {HERE[name]}")
+            raise DataError(f"--set {name}={value}: here that is {HERE[name]}")
         if name in {"key", "site"}:
-            raise DataError(f"--set {one!r}: no option of a method")
-        try:
-            given[name] = yaml.safe_load(value)
-        except (yaml.YAMLError, ValueError, RecursionError):
-            raise DataError(f"--set {one!r}: {value!r} is no number and no word") from None
+            raise DataError(f"--set {name}={value}: no option of a method")
     ways_out = None if exits is None else load_map(exits)
     source = UpdatedMap.load(map_file) if is_state(map_file) else map_or_kind(map_file)
     return Live(source, horizon_s, **{"exits": ways_out, **given})

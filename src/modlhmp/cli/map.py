@@ -1,6 +1,5 @@
 """`modlhmp map`: build, look at, draw, convert and compare maps of dynamics."""
 
-import json
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,8 +9,8 @@ import pyarrow as pa
 import typer
 
 from modlhmp import api, pictures
-from modlhmp.cli.app import DATA_ROOT, DataRoot, app
-from modlhmp.cli.inputs import STREAM, check_file, check_folder, is_dataset
+from modlhmp.cli.app import DATA_ROOT, DataRoot, SetOption, app
+from modlhmp.cli.inputs import STREAM, check_file, check_folder, is_dataset, named_values
 from modlhmp.exchange import maps as exchange
 from modlhmp.exchange.forms import BY_NAME, find_form, recognise
 from modlhmp.exchange.parquet import PARQUET
@@ -39,9 +38,6 @@ app.add_typer(maps, name="map")
 MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="File, folder of hours, or -.")]
 FormOption = Annotated[
     str | None, typer.Option("--form", metavar="NAME", help="Form of MAP, where its content does not tell.")
-]
-SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="An option; may be given several times.")
 ]
 TimezoneOption = Annotated[str, typer.Option(metavar="NAME", help="Time zone of the place, for maps by hours.")]
 
@@ -82,7 +78,7 @@ def build(
         site = site_of_tracks(str(tracks), walked, timezone=timezone)
     else:
         raise DataError(f"{tracks}: describe it first: modlhmp inspect {tracks} > {tracks.stem}.yaml")
-    made = api.build_map(kind, walked, site, **_options(options))
+    made = api.build_map(kind, walked, site, **named_values(options))
     made.save(out)
     _say(f"{out}: {_summary(made)}")
 
@@ -135,7 +131,7 @@ def plot(
     form: FormOption = None,
     options: SetOption = None,
 ) -> None:
-    """Draw a map: arrows coloured by orientation, as long as people walk in a second.
+    """Draw a map: arrows coloured by heading, as long as people walk in a second.
 
     \b
     modlhmp map plot cliff.parquet --out cliff.png
@@ -242,7 +238,7 @@ def compare(
 
 def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] | None, options: Any) -> api.Map:
     """The map at a path, or of standard input."""
-    how = _options(options)
+    how = named_values(options)
     if path != STREAM:
         ours = exchange.is_parquet(path, form)
         return api.load_map(path, form, site=None if ours else site, origin_m=origin, **how)
@@ -264,20 +260,6 @@ def check_name(option: str, kind: str, path: Path, to: str = PARQUET) -> None:
         check_file(option, path, "", *(TABLES if suffix in TABLES else [suffix]))
     except DataError as error:
         raise DataError(f"{error}, as form {to} does; `modlhmp map convert --to` writes others") from None
-
-
-def _options(given: list[str] | None) -> dict[str, Any]:
-    """NAME=VALUE as {name: value}; x=-60,80 is a list."""
-    found: dict[str, Any] = {}
-    for one in given or []:
-        name, mark, value = one.partition("=")
-        if not mark or not name:
-            raise typer.BadParameter(f"{one!r}: give NAME=VALUE, such as resolution_m=0.5")
-        try:
-            found[name] = json.loads(f"[{value}]" if "," in value else value)
-        except (ValueError, RecursionError):
-            found[name] = value
-    return found
 
 
 def _tables(a_map: api.Map) -> list[tuple[str, pa.Table]]:

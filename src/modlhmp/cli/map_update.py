@@ -7,9 +7,9 @@ import typer
 
 from modlhmp import api
 from modlhmp.arguments import site_from, site_of_tracks
-from modlhmp.cli.app import DATA_ROOT, DataRoot
-from modlhmp.cli.inputs import check_file, is_dataset
-from modlhmp.cli.map import SetOption, TimezoneOption, _options, _say, _summary, check_name, maps
+from modlhmp.cli.app import DATA_ROOT, DataRoot, SetOption
+from modlhmp.cli.inputs import check_file, is_dataset, named_values
+from modlhmp.cli.map import TimezoneOption, _say, _summary, check_name, maps
 from modlhmp.datasets import load_dataset
 from modlhmp.recordings import clean
 from modlhmp.settings import as_plain
@@ -66,7 +66,7 @@ def update(
     if len({name for name, _, _ in walked}) < len(walked):
         raise DataError("two recordings have the same name, by which their persons are known: rename a file")
     site = walked[0][2] if walked else Site(timezone=timezone)
-    kept = kept or UpdatedMap(kind or "cliff", site, **_options(options))
+    kept = kept or UpdatedMap(kind or "cliff", site, **named_values(options))
     for day in remove_day or []:
         _say(f"{state}: {kept.remove(day=day)} rows of {day} removed")
     for other in merge or []:

@@ -37,12 +37,14 @@ _LEARNING = "A method may also choose its own " + ", ".join(
 SECTIONS = {
     "rollout": options.RollOut, "episodes": options.Episodes, "snippets": options.Snippets, "pooled": options.Pooled,
     "learned": settings.Networks, "ladder": settings.Ladder, "studies": settings.Studies,
-    "studies.training": settings.TrainingShares, "uncertainty": settings.Uncertainty,
-    "likelihood": settings.Likelihood, "demo": settings.Demo, "explorer": settings.Explorer, "tables": settings.Tables,
+    "studies.training": settings.TrainingShares, "studies.occupied": settings.OccupiedCells,
+    "uncertainty": settings.Uncertainty, "likelihood": settings.Likelihood, "demo": settings.Demo,
+    "explorer": settings.Explorer, "tables": settings.Tables,
 }  # fmt: skip
 DATASET_SECTIONS = {
     "recordings": datasets.Files, "columns": file_format.Columns, "units": file_format.Units,
-    "paper_protocol.idle_filter": site.IdleFilter, "areas": datasets.Area, "sources": datasets.Source,
+    "paper_protocol": site.PaperProtocol, "paper_protocol.idle_filter": site.IdleFilter, "areas": datasets.Area,
+    "sources": datasets.Source,
 }  # fmt: skip
 
 

@@ -97,7 +97,7 @@ def write_claims(table: pd.DataFrame, demo: bool, stem: str) -> None:
     """Write what `test_claims` gave in the forms of a table."""
     shown = table.copy()
     for name in ("n", "clusters", "not forecast"):
-        shown[name] = [f"{n:.4g}" if np.isfinite(n) else "" for n in table[name].astype(float)]
+        shown[name] = [f"{n:,.1f}".removesuffix(".0") if np.isfinite(n) else "" for n in table[name].astype(float)]
     for name, form in (
         ("mean difference", "{:.3f}"),
         ("p", "{:.2g}"),
