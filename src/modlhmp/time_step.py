@@ -58,7 +58,7 @@ def interpolate(tracks: Tracks, step_s: float) -> Tracks:
     duration = tracks.t[last] - tracks.t[first]
     counts = np.floor(duration / step_s + 1e-6) + 1
     if counts.sum() > 100 * len(tracks.t) + 86_400 / step_s:
-        raise DataError("tracks have gaps of hours; add `gap_over_5s` to the dataset's `cleaning`")
+        raise DataError("tracks have gaps of hours; set a shorter `max_gap_s`")
     counts = counts.astype(np.int64)
     axis, offset, _ = laid_out(tracks, np.column_stack([first, last]), 2 * step_s)
     track = np.repeat(np.arange(len(first)), counts)
