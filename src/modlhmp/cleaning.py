@@ -21,7 +21,7 @@ from modlhmp.settings import unknown
 from modlhmp.splits import in_part, in_split, only_of
 from modlhmp.storage import DataError
 from modlhmp.time_step import interpolate
-from modlhmp.tracks import LEAST_JUMP_S, MAX_GAP_S, Tracks, laid_out, usual_step
+from modlhmp.tracks import LEAST_JUMP_S, Tracks, laid_out, usual_step
 
 # Reasons for which readers drop a row that should have been somebody's position at a time.
 FAULTS = ("text_value", "nan_value", "infinite_value", "absurd_value", "wrong_column_count", "no_track_id")
@@ -193,9 +193,9 @@ def single_row(tracks: Tracks, form: FileFormat) -> np.ndarray:
 
 
 def gap_over_5s(tracks: Tracks, form: FileFormat) -> np.ndarray:
-    """Tracks with a gap of more than 5 s between two rows: probably two persons under one id."""
+    """Tracks with a longer gap between two rows than is allowed (`max_gap_s`): probably two persons under one id."""
     return _any_row(
-        tracks, np.concatenate([[False], (np.diff(tracks.t) > MAX_GAP_S) & (np.diff(tracks.track_id) == 0)])
+        tracks, np.concatenate([[False], (np.diff(tracks.t) > form.gap_s) & (np.diff(tracks.track_id) == 0)])
     )
 
 

@@ -89,7 +89,9 @@ class FileFormat:
         "cluster of tests and intervals",
     )
     max_gap_s: Positive | None = option(
-        None, "longest time between two rows of a track [s]; null: 5, or two time steps if these are more"
+        None,
+        "longest time between two rows of a track [s]; null: 5, or two time steps if these are more, which is the most "
+        "where speeds and headings are recorded",
     )
     max_jump_mps: Positive | None = option(
         15.0, "a faster displacement, over 0.4 s or more, is another person's: the track is cut there; null: not"
@@ -176,6 +178,11 @@ def check_format(form: FileFormat, source: object) -> None:
             raise DataError(f"{source}: missing: no field named {column!r}; it has t, x, y, speed, heading")
     if form.columns is not None and (form.columns.speed is None) != (form.columns.heading is None):
         raise DataError(f"{source}: columns: give both speed and heading, or neither")
+    if form.has_velocity and form.gap_s > (most := gap_limit(form.time_step_s)):
+        raise DataError(
+            f"{source}: max_gap_s {form.gap_s:g}: rows with recorded speeds are not interpolated, so such a gap would "
+            f"stay, and tracks with a gap over {most:g} s are not used; set {most:g} or less, or read positions alone"
+        )
     named = form.columns is not None and form.columns.track_id is not None
     if form.columns is not None and named == (form.file_is == "person"):
         remedy = "leave it out" if named else "say whose a row is, or set `file_is: person`"

@@ -182,9 +182,7 @@ class Live:
             self._predictor = predictor(learned(self._learner.kept), **self._asked)
         self.counts["forecasts"] += 1
         people = [person for person in self._people.values() if len(person.rows[0])]
-        seen, state = ending_at(
-            _tracks_of(people), float(t0), self.site.time_step_s, self.site.observed_rows, self._gap_s
-        )
+        seen, state = ending_at(_tracks_of(people), float(t0), self.site.time_step_s, self.site.observed_rows)
         number = np.bincount(state, minlength=3)
         self.present = {"here": int(number[HERE]), "new": int(number[NEW]), "gone": int(number[GONE])}
         here = [people[one] for one in np.flatnonzero(state == HERE)]
@@ -224,7 +222,7 @@ class Live:
         t = 3600.0 * np.arange(24)[:, None] + step_s * np.arange(rows)
         seen = Observed(np.arange(24), t, x + t - t[:, :1], np.full_like(t, y), nan, nan, np.empty((24, 0, rows, 2)))
         replace(self._predictor.futures(seen), t0=np.zeros(24)).occupancy(extent=(x, x + 1, y, y + 1))
-        ending_at(_tracks_of([]), 0.0, step_s, rows, self._gap_s)
+        ending_at(_tracks_of([]), 0.0, step_s, rows)
 
     def _add(self, person, t, x, y):
         """Put a row into its place; returns why not, if not."""

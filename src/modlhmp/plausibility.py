@@ -291,7 +291,8 @@ CHECKS = (
     Check("repeated_rows", "rows with the id and time of another one, which are dropped", "warns above 10 %",
           "`columns: {track_id, t}`", repeated_rows),
     Check("shared_people", "test tracks that are in the training recordings as well: the same positions in the same "
-          "order, or one id going on within 5 s of the same day", "warns from the first, stops above 1 %",
+          "order, or one id going on within 5 s, or two time steps, of the same day",
+          "warns from the first, stops above 1 %",
           "`recordings`, `split`"),
     Check("untrained_place", "test rows in 1 m cells with training rows", "warns below half, stops below a tenth",
           "`recordings`, `units`, `origin_m`"),

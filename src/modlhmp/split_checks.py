@@ -12,7 +12,7 @@ from modlhmp.file_format import Recording
 from modlhmp.plausibility import Finding
 from modlhmp.scoring.errors import lengths_counted
 from modlhmp.site import Site
-from modlhmp.tracks import LATE_STEPS, MAX_GAP_S, Tracks, clock_hours
+from modlhmp.tracks import LATE_STEPS, Tracks, clock_hours, gap_limit
 
 LEAST_ROWS, LEAST_M = 4, 2.0  # of a track that could be told from another one's by its positions
 STOP_SHARED = 0.01
@@ -43,7 +43,7 @@ def check_splits(recordings: Iterable[tuple[Recording, Tracks]], site: Site) -> 
     seen = [_seen(recording, tracks, site) for recording, tracks in recordings]
     train = [one for one in seen if one.recording.split == "train"]
     test = [one for one in seen if one.recording.split == "test"]
-    told = (_shared_people(train, test), _untrained_place(train, test), _horizon(test, site), _hours(train, site))
+    told = (_shared_people(train, test, site), _untrained_place(train, test), _horizon(test, site), _hours(train, site))
     return [one for one in told if one is not None]
 
 
@@ -85,7 +85,7 @@ def _walks(tracks):
     return np.where((counts >= LEAST_ROWS) & (wide >= LEAST_M), number, 0)
 
 
-def _shared_people(train, test):
+def _shared_people(train, test, site):
     """Test tracks that are in a training recording as well."""
     shared, pairs = 0, []
     for one in test:
@@ -94,7 +94,7 @@ def _shared_people(train, test):
             found = (one.walk != 0) & np.isin(one.walk, other.walk)
             day, file = one.recording.day, one.recording.path
             if (day and day == other.recording.day) or (file and file == other.recording.path):
-                found |= _goes_on(one, other)
+                found |= _goes_on(one, other, gap_limit(site.time_step_s))
             if found.any():
                 pairs.append(f"{other.recording.name} and {one.recording.name}")
             also |= found
@@ -107,10 +107,10 @@ def _shared_people(train, test):
     return Finding("shared_people", "stop" if shared > STOP_SHARED * total else "warn", told, remedy)
 
 
-def _goes_on(one, other):
-    """Whether a track has the id of one in the other recording that is there within 5 s of it."""
+def _goes_on(one, other, gap_s):
+    """Whether a track has the id of one in the other recording that is there within `gap_s` of it."""
     common, mine, theirs = np.intersect1d(one.ids, other.ids, return_indices=True)
-    near = (one.begin[mine] <= other.end[theirs] + MAX_GAP_S) & (other.begin[theirs] <= one.end[mine] + MAX_GAP_S)
+    near = (one.begin[mine] <= other.end[theirs] + gap_s) & (other.begin[theirs] <= one.end[mine] + gap_s)
     return np.isin(one.ids, common[near])
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from modlhmp.account import Account
 from modlhmp.kernels import kernel
 from modlhmp.storage import DataError
-from modlhmp.tracks import LATE_STEPS, MAX_GAP_S, Tracks, laid_out
+from modlhmp.tracks import LATE_STEPS, Tracks, gap_limit, laid_out
 
 HERE, NEW, GONE = range(3)  # whether somebody can be forecast at a moment
 ROUNDING_S = 1e-6  # a double holds unix times to 2.4e-7 s
@@ -58,7 +58,7 @@ def interpolate(tracks: Tracks, step_s: float) -> Tracks:
     duration = tracks.t[last] - tracks.t[first]
     counts = np.floor(duration / step_s + 1e-6) + 1
     if counts.sum() > 100 * len(tracks.t) + 86_400 / step_s:
-        raise DataError("tracks have gaps of hours; add `gap_over_5s` to the dataset's `cleaning`")
+        raise DataError("tracks have gaps of hours; set a shorter `max_gap_s`")
     counts = counts.astype(np.int64)
     axis, offset, _ = laid_out(tracks, np.column_stack([first, last]), 2 * step_s)
     track = np.repeat(np.arange(len(first)), counts)
@@ -81,21 +81,19 @@ def backward_differences(
     return speed, heading
 
 
-def ending_at(
-    tracks: Tracks, t0: float, step_s: float, rows: int, gap_s: float = MAX_GAP_S
-) -> tuple[Tracks, np.ndarray]:
+def ending_at(tracks: Tracks, t0: float, step_s: float, rows: int) -> tuple[Tracks, np.ndarray]:
     """Everyone's `rows` positions on the grid of `step_s` that ends at `t0` [unix s], from rows up to `t0` alone.
 
     `tracks` are of any rate. Positions are linear between rows, a row at a moment of the grid is taken as it is, and
     beyond the newest row a person goes on at the velocity of the last `step_s`. Somebody is `HERE` whose newest row is
     at most 1 + `LATE_STEPS` steps old at `t0`, or half as old again as the one before was then (a slow sensor), and
-    whose rows reach back to the grid's beginning without a gap over `gap_s`; who has fewer is `NEW`, the others are
-    `GONE`.
+    whose rows reach back to the grid's beginning without a gap (`tracks.gap_limit`); who has fewer is `NEW`, the
+    others are `GONE`.
     Returns the rows of those who are here, without velocities, and [m] which of the three each of the m tracks is.
     """
     bounds = tracks.bounds()
     state, grid = np.empty(len(bounds) - 1, np.int8), np.empty((3, len(bounds) - 1, rows))
-    _end_at(tracks.t, tracks.x, tracks.y, bounds, float(t0), step_s, gap_s, grid, state)
+    _end_at(tracks.t, tracks.x, tracks.y, bounds, float(t0), step_s, gap_limit(step_s), grid, state)
     here = state == HERE
     unknown = np.full(rows * int(here.sum()), np.nan)
     track_id = np.repeat(tracks.track_id[bounds[:-1]][here], rows)

@@ -19,7 +19,7 @@ from modlhmp.storage import DataError, column, read_metadata, read_parquet, writ
 COLUMNS = {"track_id": np.int64, "t": np.float64, "x": np.float64, "y": np.float64,
            "speed": np.float64, "heading": np.float64}  # fmt: skip
 LATE_STEPS = 0.05  # what the jitter of clocks may take from the time of a row, in time steps
-MAX_GAP_S = 5.0  # a track with a longer gap between two rows is not one
+MAX_GAP_S = 5.0  # a track with a longer gap between two rows is not one, at steps up to half of it (`gap_limit`)
 LEAST_JUMP_S = 0.4  # a displacement is judged over no less, so that a tracker's jitter is no jump
 
 
@@ -178,8 +178,11 @@ def read_tracks(path: str | Path) -> Tracks:
 
 
 def gap_limit(step_s: float) -> float:
-    """The longest time between two rows of a track [s]: `MAX_GAP_S`, or two time steps if these are more."""
-    return max(MAX_GAP_S, 2 * step_s)
+    """The longest time between two rows of a track [s]: `MAX_GAP_S`, or two time steps if these are more.
+
+    A row may be late as elsewhere, or one that is missing would be a gap or none by a clock's rounding.
+    """
+    return max(MAX_GAP_S, (2 + LATE_STEPS) * step_s)
 
 
 def usual_step(tracks: Tracks) -> float:
@@ -193,12 +196,12 @@ def runs(first: np.ndarray, counts: np.ndarray) -> np.ndarray:
     return np.repeat(first - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
 
 
-def usable_tracks(tracks: Tracks, observed_rows: int = 4, gap_s: float = MAX_GAP_S) -> np.ndarray:
-    """First and last row of every usable track: more rows than are observed and no gap over `gap_s`; [n, 2]."""
+def usable_tracks(tracks: Tracks, observed_rows: int = 4, step_s: float = 1.0) -> np.ndarray:
+    """First and last row of every usable track: more rows than are observed and no gap (`gap_limit`); [n, 2]."""
     bounds = tracks.bounds()
     first, last = bounds[:-1], bounds[1:] - 1
     gaps = np.zeros(len(tracks.t), bool)
-    gaps[1:] = (np.diff(tracks.t) > gap_s) & (np.diff(tracks.track_id) == 0)
+    gaps[1:] = (np.diff(tracks.t) > gap_limit(step_s)) & (np.diff(tracks.track_id) == 0)
     gap_sum = np.concatenate([[0], np.cumsum(gaps)])
     usable = (last - first >= observed_rows) & (gap_sum[last + 1] == gap_sum[first])
     return np.column_stack([first, last])[usable]

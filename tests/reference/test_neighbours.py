@@ -39,7 +39,7 @@ def assert_same(one, other):
 # --- against loops ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("seed", "rows", "step_s"), [(0, 4, 1.0), (1, 3, 1.0), (2, 4, 0.4), (3, 8, 2.5)])
+@pytest.mark.parametrize(("seed", "rows", "step_s"), [(0, 4, 1.0), (1, 3, 1.0), (2, 4, 0.4), (3, 8, 2.5), (4, 4, 10.0)])
 def test_equals_loops_over_everyone(seed, rows, step_s):
     tracks = crowd(seed, step_s=step_s)
     own_row = np.random.default_rng(seed).permutation(len(tracks.t))  # every row of everyone, in any order

@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowds import straight
+from crowds import START, crowd, straight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import modlhmp
 from modlhmp.forecasting import cvm
 from modlhmp.forecasting.average import average_forecasts
 from modlhmp.forecasting.base import Forecast
@@ -15,6 +16,7 @@ from modlhmp.forecasting.files import read_forecasts, read_t0, write_forecasts
 from modlhmp.forecasting.neighbours import find_neighbours
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import in_order, windows
+from modlhmp.maps.pieces import resample
 from modlhmp.options import ConstantVelocity
 from modlhmp.scenes import Scenes
 from modlhmp.scoring.encounters import encounters
@@ -95,6 +97,31 @@ def test_windows_equal_the_loop(seed, step_s, steps_apart, observed_rows):
     np.testing.assert_array_equal(found.track_id, tracks.track_id[found.row])
     assert (found.later_s >= 0).all()
     assert (np.bincount(found.of[found.later_s == 0], minlength=len(found.tracks)) == 1).all()
+
+
+@pytest.mark.parametrize("step_s", [2.7, 10.0, 60.0])
+def test_a_slow_clock_changes_nothing(step_s):
+    """Who goes the same way in steps so long has the same paths, errors, neighbours, meetings and pieces.
+
+    Gaps are of two steps, which are none, and of seven.
+    """
+    tracks = crowd(5, people=90, gaps=(1,) * 16 + (2, 7))
+    begin = np.repeat(tracks.t[tracks.bounds()[:-1]], np.diff(tracks.bounds()))
+    steps = begin - START + np.rint(tracks.t - begin)
+
+    def found(step_s):
+        site, slow = Site(time_step_s=step_s, horizon_s=8 * step_s), tracks._replace(t=START + step_s * steps)
+        row = windows(slow, site).row
+        futures = modlhmp.forecast("cvm", slow.take((row[:, None] + np.arange(-3, 1)).ravel()), site=site)
+        scores = modlhmp.score(futures, slow)
+        cvm_of = cvm.forecaster(None, site, ConstantVelocity())
+        met = encounters(slow, forecasts(slow, site, (0,), 1, cvm_of), together([slow]), site)
+        assert np.nanmax(met[0]) == 1 and np.isfinite(scores.fde).any()
+        near, pieces = find_neighbours(slow, row, 4, step_s), resample(slow, step_s)
+        return row, futures.paths, scores.ade, scores.fde, *met, *near, pieces.xy
+
+    for ours, theirs in zip(found(step_s), found(1.0), strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-4)
 
 
 def test_a_walk_by_hand():

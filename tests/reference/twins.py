@@ -298,12 +298,12 @@ def roll_out(mod, x, y, speed, heading, draws, step_s, beta, speed_rule):
 # --- neighbours ---------------------------------------------------------------------------------------------
 
 
-def find_neighbours(people, who, row, rows, step_s, radius=6.0, most=5, late=1.05, max_gap_s=5.0):
+def find_neighbours(people, who, row, rows, step_s, radius=6.0, most=5, late=1.05):
     """[(person, [(x, y) or None] * rows)] around person `who` at that person's `row`, the nearest first.
 
     `people` is a list of lists of (t, x, y). Of another person the rows up to t0 are known; the newest must be younger
-    than `late` steps. Beyond it the last velocity goes on (0 without a row in the `max_gap_s` before it), between rows
-    the path is linear, and at times more than `late` - 1 steps before the first row the person is absent (None).
+    than `late` steps. Beyond it the last velocity goes on (0 without a row in the 5 s, or 2.05 steps, before it),
+    between rows the path is linear, and at times more than `late` - 1 steps before the first row the person is absent.
     """
     t0, x0, y0 = people[who][row]
     found = []
@@ -312,7 +312,7 @@ def find_neighbours(people, who, row, rows, step_s, radius=6.0, most=5, late=1.0
         if person == who or not known or t0 - known[-1][0] >= late * step_s:
             continue
         velocity = 0.0, 0.0
-        if len(known) > 1 and 0 < known[-1][0] - known[-2][0] <= max_gap_s:
+        if len(known) > 1 and 0 < known[-1][0] - known[-2][0] <= max(5.0, 2.05 * step_s):
             dt = known[-1][0] - known[-2][0]
             velocity = (known[-1][1] - known[-2][1]) / dt, (known[-1][2] - known[-2][2]) / dt
         seen = [

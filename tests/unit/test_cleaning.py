@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.path import Path as Polygon
 
+from modlhmp import read_tracks
 from modlhmp.angles import circular_difference
 from modlhmp.cleaning import RULES, clean_recording, inside_polygons
 from modlhmp.file_format import Columns, FileFormat, Recording
@@ -13,7 +14,7 @@ from modlhmp.ids import id_of
 from modlhmp.splits import BLOCK_S, CONTEMPORARIES_S, FOLDS, VALIDATION_SHARE, in_part, in_validation_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import backward_differences, interpolate
-from modlhmp.tracks import Tracks, concatenate, empty_tracks
+from modlhmp.tracks import Tracks, concatenate, empty_tracks, usable_tracks
 
 SCALE = 0.0247
 T0 = 1_277_971_200.0
@@ -266,7 +267,7 @@ def test_interpolating_nothing():
 
 
 def test_gaps_of_hours_do_not_fill_the_memory():
-    with pytest.raises(DataError, match="gap_over_5s"):
+    with pytest.raises(DataError, match="max_gap_s"):
         interpolate(track(1, [T0, T0 + 1e9]), 1.0)
 
 
@@ -321,6 +322,29 @@ def test_file_velocities_are_kept_and_positions_not_interpolated(write):
     columns = Columns(t=0, track_id=1, x=2, y=3, speed=4, heading=5)
     tracks, _ = clean(write, "0.2,1,0,0,7,1\n1.9,1,1,0,8,2\n", columns=columns)
     assert (tracks.t.tolist(), tracks.speed.tolist()) == ([0.2, 1.9], [7.0, 8.0])
+
+
+@pytest.mark.parametrize("gaps", ["drop", "split"])
+@pytest.mark.parametrize("recorded", [False, True])
+@pytest.mark.parametrize(
+    ("allowed", "whole"),
+    [({}, [1, 4]), ({"max_gap_s": 3}, [1]), ({"max_gap_s": 10}, [1, 4, 8]), ({"time_step_s": 5}, [1, 4, 8])],
+)
+def test_a_gap_is_what_the_dataset_says_and_who_is_kept_is_used(write, allowed, whole, recorded, gaps):
+    """People pause for as many seconds as their id says; dropped or cut, the account tells of those who are used."""
+    times = {pause: [*range(6), *range(5 + pause, 11 + pause)] for pause in (1, 4, 8, 11)}
+    path = write("".join(f"{t},{who},{t},0,1,0\n" for who, walk in times.items() for t in walk))
+    columns = {"track_id": 1, "t": 0, "x": 2, "y": 3, **({"speed": 4, "heading": 5} if recorded else {})}
+    form = {"columns": columns, "day": "1970-01-01", "gaps": gaps, **allowed}
+    if recorded and "max_gap_s" in allowed and allowed["max_gap_s"] > 5:
+        with pytest.raises(DataError, match=r"max_gap_s 10: .* not interpolated.* set 5 or less"):
+            read_tracks(path, **form)
+        return
+    tracks = read_tracks(path, **form)
+    kept = tracks.track_id[tracks.bounds()[:-1]]
+    assert len(kept) == len(whole) + (0 if gaps == "drop" else 2 * (len(times) - len(whole)))
+    assert set(kept) >= set(whole) and (gaps == "split" or set(kept) == set(whole))
+    assert len(usable_tracks(tracks, 1, allowed.get("time_step_s", 1.0))) == len(kept)
 
 
 def test_rules_that_leave_nothing_name_the_file_and_what_they_dropped(write):

@@ -1,5 +1,6 @@
 """Records of exhibits: each is drawn by something, and asks for and needs only what its rule can give."""
 
+import dataclasses
 import inspect
 import json
 import subprocess
@@ -143,6 +144,17 @@ def test_captions_say_what_the_run_says():
     assert "over 3 seeds" in captions["tab_expres"]
     assert "At most 77 test tracks" in captions["parameter-{label}"]
     assert captions["parameter-{label}"].startswith("ADE of TC-CLiFF ")
+
+
+def test_a_study_varies_what_is_tuned_for_the_dataset():
+    """The dotted line of its figure stands where the table's method is."""
+    plan = plan_of(studies={"method": "tc_tuned"})
+    for name, beta in (("demo_hall", 64.0), ("demo_forum", 2.0)):
+        plan.datasets[name] = dataclasses.replace(plan.datasets[name], tuned={"tc_tuned": {"beta": beta}})
+    study = next(exhibit for exhibit in EXHIBITS if exhibit.name == "parameter-{label}")
+    chosen = {shown[0].name: asks["chosen"]["beta"] for shown, asks in calls(study, plan)}
+    assert chosen == {name: plan.method(name, "tc_tuned").options.beta for name in plan.datasets}
+    assert chosen == {"demo_hall": 64.0, "demo_forum": 2.0}
 
 
 def test_a_run_makes_what_its_methods_and_studies_allow(plan):

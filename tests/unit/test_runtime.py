@@ -3,12 +3,13 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from modlhmp.maps import cliff, stef
+from modlhmp.maps import cliff, exits, stef
 from modlhmp.methods import Method, make_forecaster
 from modlhmp.options import ConstantVelocity, RollOut
 from modlhmp.settings import as_plain
@@ -99,6 +100,16 @@ def test_a_stef_map_is_measured_alike(layout):
     assert [row[0] for row in measure(task_of(layout, 20, "stef"))["growth"]["M"]] == [
         cells * copies for copies in (1, 2, 4, 8, 16)
     ]
+
+
+def test_ways_out_are_measured_with_the_method_that_uses_them(layout):
+    """Its particles leave, so fewer steps are lived; copies out of reach are left alike, or it would fail."""
+    write_parquet(cliff.build(people(60), HALL), layout.map("hall", "cliff"))
+    write_parquet(exits.build(people(60, rows=3), HALL), layout.map("hall", "exits"))
+    task, uses = task_of(layout, 20, "cliff"), Method(name="cliff", kind="cliff", options=replace(OPTIONS, exits=True))
+    with_ways_out = {**task, "method": uses.plain(), "exits": layout.map("hall", "exits")}
+    stays, leaves = (measure(one)["growth"]["T"][-1][2] for one in (task, with_ways_out))
+    assert 0 < leaves < 0.8 * stays
 
 
 def test_a_map_is_copied_until_it_is_as_wide_as_maps_may_be(layout, monkeypatch):

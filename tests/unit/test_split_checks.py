@@ -44,6 +44,22 @@ def test_a_track_cut_between_the_splits_is_one_person():
     assert "60 of 60" in told["shared_people"].text
 
 
+@pytest.mark.parametrize(
+    ("apart_s", "step_s", "one"), [(6, 1.0, False), (6, 3.0, True), (60, 30.0, True), (90, 30.0, False)]
+)
+def test_an_id_goes_on_within_what_is_no_gap(apart_s, step_s, one):
+    early = tracks(number=60, rows=20)
+    late = tracks(number=60, seed=4, rows=20)
+    ends = np.repeat(early.t[np.flatnonzero(np.diff(early.track_id, append=-1))], 20)
+    late = late._replace(t=ends + apart_s + late.t - np.repeat(late.t[::20], 20))
+    told = found(
+        (recording("a", "train"), early),
+        (recording("b", "test"), late),
+        site=Site(time_step_s=step_s, horizon_s=10 * step_s),
+    )
+    assert ("shared_people" in told) == one
+
+
 def test_the_same_walks_under_other_ids_and_times():
     train = tracks(number=60)
     copied = tracks(number=60)._replace(track_id=train.track_id + 500, t=train.t + 86_400)

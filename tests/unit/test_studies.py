@@ -8,7 +8,7 @@ import pytest
 
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.kinds import BUILT_IN, find
-from modlhmp.maps import cliff, episodes, snippets
+from modlhmp.maps import cliff, episodes, exits, snippets
 from modlhmp.methods import Method, make_forecaster
 from modlhmp.options import (
     CliffBuilding,
@@ -72,11 +72,16 @@ def test_a_sample_is_fixed_and_fair():
     assert all((np.diff(tracks.bounds()) == 16).all() for tracks in sample.values())
 
 
-def test_the_default_value_gives_the_main_run_s_errors(map_path):
-    """Same random numbers, same forecasts: the study's row at the default is the table's."""
-    day = people(1, 40)
-    variants = dict(vary("beta", [0.1, 1.0], METHOD, {"day": day}, "hall", SITE, map_path, [0, 1]))
-    forecaster = make_forecaster("cliff", OPTIONS, SITE, map_path)
+@pytest.mark.parametrize("leaves", [False, True])
+def test_the_default_value_gives_the_main_run_s_errors(map_path, leaves):
+    """Same random numbers, same forecasts: the study's row at the default is the table's, of methods with exits too."""
+    day, method = people(1, 40), replace(METHOD, options=replace(OPTIONS, exits=leaves))
+    ways_out = map_path.with_name("exits.parquet")
+    write_parquet(exits.build(people(1000, 60), SITE), ways_out)
+    variants = dict(
+        vary("beta", [0.1, 1.0], method, {"day": day}, "hall", SITE, map_path, [0, 1], exits=ways_out if leaves else [])
+    )
+    forecaster = make_forecaster("cliff", method.options, SITE, map_path, ways_out)
     forecasts = forecast_recording(day, forecaster, SITE, ("hall", "cliff", "day"), 3, [0, 1])
     main = score_recording(day, forecasts, "day", SITE)
     for name in ("ade", "fde"):

@@ -21,6 +21,7 @@ recordings:
 time_step_s: 0.4
 observed_rows: 9
 horizon_s: 4.8
+tuned: {cliff: {beta: 0.5, k: 7, exits: true}}
 velocity: differences
 citation: made up by a test
 terms: free
@@ -156,7 +157,7 @@ def test_tables_and_studies_count_scenes(made):
     measured = of_results(made, "uncertainty/snippets")
     assert keys(measured[measured["seed"] == 0]) == sorted(asked)
     main = of_results(made, "errors/cliff").reset_index(drop=True)
-    study = of_results(made, "studies/beta/1").reset_index(drop=True)
+    study = of_results(made, "studies/beta/0.5").reset_index(drop=True)
     pd.testing.assert_frame_equal(study, main[study.columns])
 
 

@@ -21,6 +21,7 @@ rule study_parameter:
     input:
         tracks=tracks_of("test"),
         map=lambda wildcards: PLAN.map_of(wildcards.dataset, RUN.studies.method),
+        exits=lambda wildcards: PLAN.exits_of(wildcards.dataset, RUN.studies.method),
     output:
         directory(LAYOUT.study("{dataset}", "{parameter}")),
     log:
@@ -36,7 +37,9 @@ rule study_parameter:
         runtime=60,
     params:
         run=RUN.run,
-        method=RUN.method(RUN.studies.method).plain(),
+        method=lambda wildcards: PLAN.method(
+            wildcards.dataset, RUN.studies.method
+        ).plain(),
         values=lambda wildcards: list(getattr(RUN.studies, wildcards.parameter)),
         max_tracks=RUN.studies.max_tracks,
         dataset=settings_of(*SCORE_KEYS),
@@ -213,6 +216,7 @@ rule measure_runtime:
     input:
         tracks=tracks_of("test"),
         map=lambda wildcards: PLAN.map_of(wildcards.dataset, RUN.studies.method),
+        exits=lambda wildcards: PLAN.exits_of(wildcards.dataset, RUN.studies.method),
     output:
         LAYOUT.runtime("{dataset}"),
     log:
@@ -225,7 +229,9 @@ rule measure_runtime:
         runtime=15,
     params:
         run=RUN.run,
-        method=RUN.method(RUN.studies.method).plain(),
+        method=lambda wildcards: PLAN.method(
+            wildcards.dataset, RUN.studies.method
+        ).plain(),
         dataset=settings_of("name", *SCORE_KEYS),
         recordings=names_of("test"),
         max_tracks=2000,

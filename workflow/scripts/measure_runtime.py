@@ -11,6 +11,7 @@ from modlhmp.study import runtime
 with job_log(snakemake.log[0]) as log:
     params = snakemake.params
     task = {key: params[key] for key in ("run", "dataset", "recordings", "method", "max_tracks")}
+    task["exits"] = snakemake.input.exits
     command = [sys.executable, "-m", runtime.__name__]
     done = subprocess.run(command, input=json.dumps(task), capture_output=True, text=True, check=False)
     if done.returncode:

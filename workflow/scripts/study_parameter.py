@@ -20,8 +20,9 @@ with job_log(snakemake.log[0]) as log:
     recordings = sample_tracks(recordings, dataset, site, params.max_tracks)
     scenes = {name: read_scenes(layout.tracks(dataset, name)) for name in params.recordings}
     variants = vary(
-        parameter, params.values, method, recordings, dataset, site, snakemake.input.map, params.seeds, scenes
-    )
+        parameter, params.values, method, recordings, dataset, site, snakemake.input.map, params.seeds, scenes,
+        snakemake.input.exits,
+    )  # fmt: skip
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
     for value, errors in progress(variants, total=len(params.values), desc="values"):
         log.info("%s = %g: %d rows of errors", parameter, value, errors.num_rows)

@@ -11,7 +11,7 @@ import numpy as np
 from modlhmp.forecasting.base import Forecast
 from modlhmp.scenes import Scenes
 from modlhmp.site import Site
-from modlhmp.tracks import LATE_STEPS, Tracks, gap_limit, usable_tracks
+from modlhmp.tracks import LATE_STEPS, Tracks, usable_tracks
 
 
 class Windows(NamedTuple):
@@ -35,7 +35,7 @@ class Windows(NamedTuple):
 
 def usable(tracks: Tracks, site: Site) -> np.ndarray:
     """First and last row of every track that can be forecast and scored, [n, 2] (`tracks.usable_tracks`)."""
-    return usable_tracks(tracks, site.observed_rows, gap_limit(site.time_step_s))
+    return usable_tracks(tracks, site.observed_rows, site.time_step_s)
 
 
 def windows(tracks: Tracks, site: Site, scenes: Scenes | None = None) -> Windows:

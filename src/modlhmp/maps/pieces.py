@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from modlhmp.options import Alike
-from modlhmp.tracks import Tracks, clock_time, gap_limit, positions_at, runs, usable_tracks
+from modlhmp.tracks import Tracks, clock_time, positions_at, runs, usable_tracks
 
 HEADINGS = 8  # bins of 45 degrees, and one more for people who hardly move
 SLOW_M_S = 0.3  # below this speed a heading means little, at 0 nothing
@@ -50,8 +50,8 @@ class Metric(NamedTuple):
 
 
 def resample(tracks: Tracks, step_s: float) -> Pieces:
-    """`Pieces` of every track without a gap over 5 s, linear between its rows."""
-    rows = usable_tracks(tracks, 1, gap_limit(step_s))
+    """`Pieces` of every track without a gap (`tracks.gap_limit`), linear between its rows."""
+    rows = usable_tracks(tracks, 1, step_s)
     count = np.floor((tracks.t[rows[:, 1]] - tracks.t[rows[:, 0]]) / step_s + 0.05).astype(np.int64) + 1
     person, age = np.repeat(np.arange(len(rows)), count), runs(np.zeros(len(rows), np.int64), count)
     xy = positions_at(tracks, rows, (age * step_s)[:, None], person)[:, 0]

@@ -15,7 +15,7 @@ from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.storage import DataError
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import LATE_STEPS, Tracks, clock_offsets, gap_limit, positions_at, runs, together, usable_tracks
+from modlhmp.tracks import LATE_STEPS, Tracks, clock_offsets, positions_at, runs, together, usable_tracks
 
 HELD_OUT_DAYS, HELD_OUT_BLOCKS = 0.2, 0.15  # shares, of `held_out: blocks`
 BLOCK_S, LEAST_BLOCKS = 1800.0, 20  # blocks are shorter where there would be too few
@@ -241,7 +241,7 @@ def day_of(
 
     `step_s` is the time step of the tracks.
     """
-    return Day(together([own, *others]), usable_tracks(own, observed_rows, gap_limit(step_s)), timezone)
+    return Day(together([own, *others]), usable_tracks(own, observed_rows, step_s), timezone)
 
 
 def _neighbours_after(tracks, whose, t0, steps, step_s):

@@ -219,17 +219,17 @@ def load_datasets(
         found = {name: validation_part(dataset) for name, dataset in found.items()}
     if run.evaluate_on == "folds":
         found = {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
-    _check_hand_ins(run, list(found), data_root)
+    _check_hand_ins(run, found, data_root)
     return found
 
 
-def _check_hand_ins(run: RunSettings, datasets: Sequence[str], data_root: str | Path) -> None:
+def _check_hand_ins(run: RunSettings, datasets: Mapping[str, Dataset], data_root: str | Path) -> None:
     """Whether the forecasts from outside that a run needs are there, of every dataset, with a JSON file that is one."""
     for method in (name for name in run.methods_run if run.kind(name).outside):
         where = f"configuration, methods.{method}.folder"
-        for dataset in datasets:
+        for name, dataset in datasets.items():
             try:
-                files = hand_in_files(Path(data_root) / run.method(method).options.folder, dataset)
+                files = hand_in_files(Path(data_root) / run.method(method, dataset.tuned).options.folder, name)
             except DataError as error:
                 raise DataError(f"{where}: {error} (`data_root` is {data_root})") from None
             read_sheet(files[1])

@@ -92,7 +92,7 @@ def crowds(tracks: Tracks, site: Site, every_s: float, fold: int, steps: np.ndar
     for t0 in moments[(moments // BLOCK_S) % FOLDS == fold - 1].tolist():
         near = np.flatnonzero((begin <= t0) & (end >= t0 - gap_s))
         some = tracks.take(runs(rows[near, 0], rows[near, 1] - rows[near, 0] + 1))
-        seen, state = ending_at(some, t0, site.time_step_s, site.observed_rows, gap_s)
+        seen, state = ending_at(some, t0, site.time_step_s, site.observed_rows)
         here = near[state == HERE]
         if not len(here):
             continue

@@ -25,6 +25,7 @@ from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import usable
 from modlhmp.kinds import find
 from modlhmp.maps.base import hour_files
+from modlhmp.maps.exits import with_exits
 from modlhmp.methods import Method, load_map
 from modlhmp.settings import build
 from modlhmp.site import Site
@@ -44,7 +45,8 @@ def measure(task: Mapping[str, Any]) -> dict[str, Any]:
 
     `task`: `run` (and `root`, where its results do not lie in the folder of work), `dataset` (its settings as plain
     values, with its `name`), `recordings` (names), at most `max_tracks` of whose tracks are used, and `method`
-    (`Method.plain()`). Ways out are left out. Returns times in s, memory in MB (10^6 bytes), sizes in kB.
+    (`Method.plain()`), with `exits` the file of the ways out if it uses them. Returns times in s, memory in MB (10^6
+    bytes), sizes in kB.
     """
     at_start_mb = peak_mb()
     layout, name = Layout(task["run"], task.get("root", ".")), task["dataset"]["name"]
@@ -53,7 +55,12 @@ def measure(task: Mapping[str, Any]) -> dict[str, Any]:
         raise DataError(f"studies.method: {method.name} has no map to sample, so its runtime is not measured")
     k, steps = method.options.k, site.steps
     path = layout.map_of(name, method)
-    mod = load_map(method.kind, path, site, method.options)
+
+    def load(file: str | Path) -> Any:
+        mod = load_map(method.kind, file, site, method.options)
+        return with_exits(mod, task["exits"], site) if method.options.exits else mod
+
+    mod = load(path)
     observed = _observed(layout, name, task["recordings"], site, task["max_tracks"])
 
     def forecast(some: Observed, horizon: int = steps, mod: Any = mod) -> Forecast:
@@ -70,7 +77,7 @@ def measure(task: Mapping[str, Any]) -> dict[str, Any]:
     files = list(_map_files(path).values())
     growth = {
         **_growth(forecast, observed, reference, steps),
-        "M": list(_with_copies(path, method, site, forecast, observed, reference)),
+        "M": list(_with_copies(path, load, forecast, observed, reference)),
     }
     return {
         "tracks": n, "k": k, "horizon_s": site.horizon_s, "repetitions": REPETITIONS,
@@ -160,8 +167,7 @@ def _growth(
 
 def _with_copies(
     path: str,
-    method: Method,
-    site: Site,
+    load: Callable[[Path], Any],
     forecast: Callable[..., Forecast],
     observed: Observed,
     reference: Forecast,
@@ -175,7 +181,7 @@ def _with_copies(
             for hour, table in tables.items():
                 write_parquet(copied(table, copies), larger if hour is None else larger / f"{hour:02d}.parquet")
             try:
-                mod = load_map(method.kind, larger, site, method.options)
+                mod = load(larger)
             except DataError:  # such a map exceeds the limit on size
                 return
         if not np.array_equal(forecast(observed, mod=mod).xy, reference.xy):

@@ -53,15 +53,17 @@ def vary(
     map_path: str | Path,
     seeds: Sequence[int],
     scenes: Mapping[str, Scenes | None] = NONE,
+    exits: str | Path | None = None,
 ) -> Iterator[tuple[float, pa.Table]]:
     """Yield (value, errors table as of `score_recording`) for each value of a roll-out's `parameter`.
 
     Every variant draws the random numbers of the method itself, so the variants differ by the parameter alone, and the
-    default's errors are those of the main run. `scenes` are those of recordings that have some.
+    default's errors are those of the main run. `scenes` are those of recordings that have some, `exits` leads to the
+    ways out of a method that uses them.
     """
     for value in values:
         options = dataclasses.replace(method.options, **{parameter: value})
-        forecaster = make_forecaster(method.kind, options, site, map_path)
+        forecaster = make_forecaster(method.kind, options, site, map_path, exits)
         yield value, _errors(method, forecaster, recordings, dataset, site, seeds, scenes)
 
 

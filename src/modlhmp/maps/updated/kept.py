@@ -172,7 +172,7 @@ class Kept:
 
     def _uniforms(self, tracks, pieces, row):
         """A number in (0, 1) of each piece, by its recording, its person and its time."""
-        first = usable_tracks(tracks, 1, gap_limit(self.site.time_step_s))[:, 0]
+        first = usable_tracks(tracks, 1, self.site.time_step_s)[:, 0]
         return self._drawn("snippet", first[pieces.person[row]], pieces.t[row])
 
     def _drawn(self, what, rows, t):

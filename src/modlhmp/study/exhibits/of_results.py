@@ -117,7 +117,7 @@ def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
 
 def _parameter_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     (dataset,) = datasets
-    studied = plan.run.method(plan.run.studies.method)
+    studied = plan.method(dataset.name, plan.run.studies.method)
     return {
         "method": plan.run.title(studied.name),
         "values": _values(plan, plan.studied),
