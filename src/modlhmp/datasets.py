@@ -16,6 +16,7 @@ from modlhmp.cleaning import are_polygons, check_rules
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.files import IN_NAME, check_different, day_in_name, find_files, names_of, recording_at
+from modlhmp.readers.raw import ids_of_people
 from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
 from modlhmp.splits import FOLDS
@@ -362,6 +363,7 @@ def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Record
         files = find_files(path, entry.files, root)
         made = [recording_at(one, root) for one in files]
         if file.file_is == "person":
+            ids_of_people(files)  # before a run has begun
             folder = os.path.commonpath([one.parent for one in files])
             made = [dataclasses.replace(made[0], path=folder, people=tuple(map(str, files)))]
         days = [day_in_name(path, file) if entry.day == IN_NAME else entry.day for file in files[: len(made)]]

@@ -131,6 +131,11 @@ class FileFormat:
     strict: bool = option(False, "whether what a check only warns of stops as well")
 
     @property
+    def comment_mark(self) -> str:
+        """What a comment begins with; "" where there are none."""
+        return self.comment or ("#" if self.reader == "text" else "")
+
+    @property
     def has_velocity(self) -> bool:
         """Whether the files say how fast and which way people walk."""
         return self.reader in {"atc", "atc_1hz"} or (self.columns is not None and self.columns.speed is not None)
