@@ -98,7 +98,8 @@ class FileFormat:
         0.05, "recorded speeds below are standing, and have no heading [m/s]"
     )
     file_is: Literal["recording", "person"] = option(
-        "recording", "`person`: the files of an entry are one recording, each of one person, whose id is its name"
+        "recording",
+        "`person`: the files of an entry are one recording, each of one person, whose id is its name without suffix",
     )
     columns: Columns | None = option(None, "which column holds what, by position from 0 or, with a header, by name")
     header: bool = option(False, "whether the first row names the columns")
