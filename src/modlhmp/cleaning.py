@@ -63,7 +63,8 @@ def source_of(path: str | Path | People, form: FileFormat, recording: Recording)
     """What a recording is read from: its file, or those of all its people."""
     if not recording.people:
         return path
-    return People(recording.people, " " if form.reader == "text" else form.separator, form.header, form.skip_lines)
+    separator = " " if form.reader == "text" else form.separator
+    return People(recording.people, separator, form.header, form.skip_lines, form.comment_mark)
 
 
 def clean_rows(

@@ -16,6 +16,7 @@ from modlhmp.cleaning import are_polygons, check_rules
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.files import IN_NAME, check_different, day_in_name, find_files, names_of, recording_at
+from modlhmp.readers.raw import ids_of_people
 from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
 from modlhmp.splits import FOLDS
@@ -186,24 +187,29 @@ def divided(path: str | Path, recordings: Sequence[Recording]) -> tuple[Recordin
             found.append(one)
         elif one.chosen.by == "day":
             share = one.chosen.test if isinstance(one.chosen.test, float) else 0.25
-            tested = days[-min(math.ceil(share * len(days)), len(days) - 1) :]
+            tested = days[-min(_rounded_up(share * len(days)), len(days) - 1) :]
             found.append(dataclasses.replace(one, chosen=None, split="test" if one.day in tested else "train"))
         else:
             found += [dataclasses.replace(one, name=f"{one.name}-{side}", split=side) for side in ("train", "test")]
     return tuple(found)
 
 
+def _rounded_up(days: float) -> int:
+    """A share of some days as whole ones: 0.28 of 25 are 7, though their product in floats is just above."""
+    return max(math.ceil(days - 1e-9), 1)
+
+
 def validation_part(dataset: Dataset) -> Dataset:
     """The dataset without its test recordings: part of the training recordings stands in for them.
 
     The last `VALIDATION_DAYS` of the training days, rounded up; a single day is cut by blocks of time
-    (`cleaning.in_validation_blocks`), which gives two recordings of each. What is chosen in such a run has not seen the
+    (`splits.in_validation_blocks`), which gives two recordings of each. What is chosen in such a run has not seen the
     test set.
     """
     training = dataset.of_split("train")
     days = sorted({one.day for one in training})
     if len(days) > 1:
-        held = days[-math.ceil(VALIDATION_DAYS * len(days)) :]
+        held = days[-_rounded_up(VALIDATION_DAYS * len(days)) :]
         parts = [dataclasses.replace(one, split="test" if one.day in held else "train") for one in training]
     else:
         splits = {"fit": "train", "validation": "test"}
@@ -229,7 +235,7 @@ def folds(dataset: Dataset) -> list[Dataset]:
     """The dataset `FOLDS` times, the test recordings dealt out: each time all else but their contemporaries trains.
 
     Test days are dealt where there are `FOLDS` or more, and all of the other days' people train. Fewer days are cut by
-    blocks of time (`cleaning.in_part`). All folds together test the dataset's own test tracks, once each.
+    blocks of time (`splits.in_part`). All folds together test the dataset's own test tracks, once each.
     """
     days = sorted({one.day for one in dataset.of_split("test")})
     found = []
@@ -253,7 +259,7 @@ def folds(dataset: Dataset) -> list[Dataset]:
 
 
 def _part(recording: Recording, part: str, split: str) -> Recording:
-    """A part of a recording (`cleaning.in_part`) as one of its own."""
+    """A part of a recording (`splits.in_part`) as one of its own."""
     return dataclasses.replace(recording, name=f"{recording.name}-{part}", part=part, split=split)
 
 
@@ -357,6 +363,7 @@ def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Record
         files = find_files(path, entry.files, root)
         made = [recording_at(one, root) for one in files]
         if file.file_is == "person":
+            ids_of_people(files)  # before a run has begun
             folder = os.path.commonpath([one.parent for one in files])
             made = [dataclasses.replace(made[0], path=folder, people=tuple(map(str, files)))]
         days = [day_in_name(path, file) if entry.day == IN_NAME else entry.day for file in files[: len(made)]]

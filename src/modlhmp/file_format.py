@@ -100,7 +100,8 @@ class FileFormat:
         0.05, "recorded speeds below are standing, and have no heading [m/s]"
     )
     file_is: Literal["recording", "person"] = option(
-        "recording", "`person`: the files of an entry are one recording, each of one person, whose id is its name"
+        "recording",
+        "`person`: the files of an entry are one recording, each of one person, whose id is its name without suffix",
     )
     columns: Columns | None = option(None, "which column holds what, by position from 0 or, with a header, by name")
     header: bool = option(False, "whether the first row names the columns")
@@ -131,6 +132,11 @@ class FileFormat:
 
     accept: tuple[CheckName, ...] = option((), "checks of the recordings whose findings are known to be right")
     strict: bool = option(False, "whether what a check only warns of stops as well")
+
+    @property
+    def comment_mark(self) -> str:
+        """What a comment begins with; "" where there are none."""
+        return self.comment or ("#" if self.reader == "text" else "")
 
     @property
     def has_velocity(self) -> bool:
@@ -216,7 +222,7 @@ class Recording:
 
     `stored` is the file on disk (`path`, or the archive that it leads into), `member` the file in an archive, `file`
     `stored` under the data root. `chosen` says who of the file is tested on, None: nobody or all, as `split` says;
-    `part` is what of that is used (`cleaning.in_part`), where it is cut; `days` is how many days it is of, `day` being
+    `part` is what of that is used (`splits.in_part`), where it is cut; `days` is how many days it is of, `day` being
     the first. `people` are the files where each is of one person; `path` is their folder then.
     """
 

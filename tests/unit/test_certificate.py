@@ -2,10 +2,12 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 
-from modlhmp.storage import write_json, write_parquet, write_text
+from modlhmp.origins import file_sha256, provenance
+from modlhmp.storage import read_metadata, write_json, write_parquet, write_text
 from modlhmp.study import certificate as of
 from modlhmp.study.layout import Layout
 
@@ -43,6 +45,40 @@ def test_it_names_what_came_out_and_what_went_in(layout, tmp_path):
     assert made["configuration"].keys() == {"seeds"}
     assert made["environment"]["numpy"]
     assert "modlhmp/study/certificate.py" in made["code"]
+
+
+def test_files_of_one_name_are_all_named(layout, tmp_path):
+    """Also where results of several recordings, each of its own file, are put together, in whatever order and twice."""
+    digests = []
+    for part in ("s1", "s2", "s3"):
+        raw = tmp_path / part / "tracks.csv"
+        write_text(raw, f"of {part}")
+        digests.append(file_sha256(raw))
+        write_parquet({"x": [1.0]}, tmp_path / f"{part}.parquet", **provenance({}, {}, [raw]))
+        assert read_metadata(tmp_path / f"{part}.parquet")["sources"] == {"tracks.csv": digests[-1]}
+    assert set(provenance({}, {}, [tmp_path / f"s{n}/tracks.csv" for n in (1, 2)])["sources"].values()) == {
+        *digests[:2]
+    }
+
+    def joined(name, *of):
+        write_parquet({"x": [1.0]}, tmp_path / name, **provenance({}, {}, [tmp_path / one for one in of]))
+        return read_metadata(tmp_path / name)["sources"]
+
+    both = joined("both.parquet", "s1.parquet", "s2.parquet")
+    assert both == {f"tracks.csv@{one[:12]}": one for one in digests[:2]}
+    assert joined("again.parquet", "s2.parquet", "both.parquet", "s1.parquet") == both
+    assert set(joined("all.parquet", "both.parquet", "s3.parquet").values()) == {*digests}
+
+
+def test_published_maps_of_one_name_are_all_named(layout, tmp_path):
+    """Whether they are one table or one for each hour, by the dataset's name."""
+    before = of.inputs(layout)
+    for dataset, method, kind, digest in [
+        ("hall", "theirs", "cliff", "aa"), ("hall", "others", "cliff", "bb"), ("forum", "hours", "tc_cliff", "cc"),
+    ]:  # fmt: skip
+        path = Path(layout.published_map(dataset, method, kind))
+        write_parquet({"x": [1.0]}, path if path.suffix else path / "09.parquet", sources={"map.csv": digest})
+    assert of.inputs(layout) == {**before, "hall/map.csv@aa": "aa", "hall/map.csv@bb": "bb", "forum/map.csv": "cc"}
 
 
 def test_times_do_not_count(layout):

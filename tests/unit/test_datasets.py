@@ -4,6 +4,7 @@ import bz2
 import copy
 import gzip
 import json
+import re
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -13,12 +14,12 @@ import numpy as np
 import pytest
 import yaml
 
-from modlhmp.cleaning import RULES, clean_recording
+from modlhmp.cleaning import RULES, clean_recording, source_of
 from modlhmp.datasets import REQUIRED, Dataset, DatasetFile, folds, load_dataset, validation_part
-from modlhmp.file_format import Recording
+from modlhmp.file_format import Columns, FileFormat, Recording
 from modlhmp.ids import id_of
 from modlhmp.readers import files, read_recording
-from modlhmp.readers.raw import find_recording, open_raw
+from modlhmp.readers.raw import find_recording, ids_of_people, open_raw
 from modlhmp.recordings import clean
 from modlhmp.settings import as_plain, build, json_schema
 from modlhmp.splits import FOLDS
@@ -858,6 +859,100 @@ def test_files_of_one_person_each_are_one_recording(tmp_path, form):
     assert set(tracks.track_id.tolist()) == {id_of(one) for one in ids}
     assert account["rows"] == {"read": 24, "kept": 24, "dropped": {}}
     np.testing.assert_allclose(tracks.speed[np.isfinite(tracks.speed)], 1.2)
+
+
+def of_people(folder, files, **keys):
+    """The dataset whose recording is files of one person each, {path: text}."""
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    listed = {
+        **MINE, "file_is": "person", "columns": {"t": 0, "x": 1, "y": 2}, "clock": "unknown", "hours": None,
+        "recordings": [{"files": "**/*.csv*", "split": {"by": "person", "test": 0.4}}], **keys,
+    }  # fmt: skip
+    (folder / "mine.yaml").write_text(yaml.safe_dump(listed))
+    return load_dataset(folder / "mine.yaml", folder)
+
+
+def people_rows(dataset):
+    """The rows of all people of its first file, and their account."""
+    one = dataset.recordings[0]
+    return read_recording(source_of(one.path, dataset, one), dataset)
+
+
+LINES = [f"{k},{1.2 * k},2" for k in range(6)]
+
+
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        (("1.csv", "2.csv"), ["1", "2"]),
+        (("p.1.csv", "p.2.csv", "p.csv"), ["p.1", "p.2", "p"]),
+        (("g1/1.CSV", "g2/01.csv.gz", "g2/1.xyz"), ["1", "01", "1.xyz"]),
+        (("g1/1.csv", "g2/1.csv"), None),
+        (("1.csv", "1.csv.gz"), None),
+        (("1.csv", "1 .csv"), None),  # readers take ids without blanks around them
+    ],
+)
+def test_a_file_s_name_is_one_person(files, names):
+    if names is not None:
+        assert ids_of_people(files) == names
+    else:
+        with pytest.raises(DataError, match=f"{re.escape(f'{files[0]} and {files[1]}')}: .* both are '1': rename one"):
+            ids_of_people(files)
+
+
+def test_people_of_one_name_are_refused_and_of_others_kept(tmp_path):
+    text = "\n".join(LINES)
+    with pytest.raises(DataError, match=r"g1/1\.csv and .*g2/1\.csv: a file's name is its person's id"):
+        of_people(tmp_path, {"g1/1.csv": text, "g2/1.csv": text + "\n", "g2/2.csv": text})
+    (tmp_path / "g2/1.csv").unlink()
+    tracks, _ = people_rows(of_people(tmp_path, {"p.1.csv": text, "p.2.csv": text}))
+    assert set(tracks.track_id.tolist()) == {1, 2, id_of("p.1"), id_of("p.2")}
+
+
+def test_each_folder_may_have_people_of_one_name(tmp_path):
+    """As the message says: an entry each."""
+    text, split = "\n".join(LINES), {"by": "person", "test": 0.4}
+    entries = [{"files": f"g{n}/*.csv", "split": split} for n in (1, 2)]
+    files = {"g1/1.csv": text, "g2/1.csv": text + "\n"}
+    found = of_people(tmp_path, files, recordings=entries)
+    assert [one.name for one in found.recordings] == ["g1-train", "g1-test", "g2-train", "g2-test"]
+
+
+@pytest.mark.parametrize("reader", ["delimited", "text"])
+@pytest.mark.parametrize("header", [False, True])
+def test_people_s_files_read_as_one_file_with_ids(tmp_path, reader, header):
+    """With comments and blank lines where they may be; only the names of columns stand once."""
+    mark = " " if reader == "text" else ","
+    rows = [line.replace(",", mark) for line in LINES]
+    top = ["# frame rate 25", "", *([mark.join("txy")] if header else [])]
+    within = [*rows[:3], "# he turns", "", "#", "  ", *rows[3:], "", "   # the end"]
+    files = {f"p{n}.csv": "\n".join([*top, *within]) + "\n" for n in range(3)}
+    columns = {name: name if header else n for n, name in enumerate("txy")}
+    keys = {"reader": reader, "header": header, "comment": "#" if reader == "delimited" else None}
+    tracks, account = people_rows(of_people(tmp_path / "people", files, **keys, columns=columns))
+
+    named = [f"p{n}{mark}{line}" if line in rows else line for n in range(3) for line in within]
+    one = tmp_path / "one.csv"
+    one.write_text("\n".join([*top[:2], *([mark.join(["id", *"txy"])] if header else []), *named]) + "\n")
+    ids = {"track_id": "id", **columns} if header else {"track_id": 0, "t": 1, "x": 2, "y": 3}
+    given = {key: value for key, value in keys.items() if value is not None}
+    plain, also = read_recording(one, FileFormat(**given, columns=Columns(**ids)))
+    np.testing.assert_array_equal(np.array(tracks), np.array(plain))
+    assert len(tracks.t) == 3 * len(LINES)
+    assert account.dropped_rows - also.dropped_rows == {"comment_line": 2}  # above the rows of all but the first
+    assert also.dropped_rows - account.dropped_rows == {}
+
+
+def test_people_s_files_have_the_same_columns(tmp_path):
+    files = {"1.csv": "", "2.csv": "t,x,y\n" + "\n".join(LINES), "3.csv": "t, x, y\n" + "\n".join(LINES)}
+    keys = {"header": True, "columns": {"t": "t", "x": "x", "y": "y"}}
+    tracks, _ = people_rows(of_people(tmp_path, files, **keys))
+    assert set(tracks.track_id.tolist()) == {2, 3}
+    (tmp_path / "4.csv").write_text("t,y,x\n" + "\n".join(LINES))
+    with pytest.raises(DataError, match=r"4\.csv: names columns 't y x', .*2\.csv 't x y'"):
+        people_rows(load_dataset(tmp_path / "mine.yaml", tmp_path))
 
 
 def test_who_a_row_is_of_is_said_once(load):

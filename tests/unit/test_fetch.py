@@ -31,6 +31,15 @@ ROWS = "".join(f"{k}.5,1,{k}.25,2\n" for k in range(20)).encode()
 fetch = partial(fetching.fetch, progress=False)
 
 
+@pytest.mark.parametrize("root", ["", "data/", "/mnt/data/", "../data/"])
+def test_each_file_of_a_recording_has_its_own_source(root):
+    one, other = {"file": "p/1.csv", "sha256": "a"}, {"file": "p/2.csv", "sha256": None}
+    files = [f"{root}p/{n}.csv" for n in (1, 2, 3)]
+    assert fetching.listed_sources(files, "p/1.csv", [one, other]) == {files[0]: one, files[1]: other}
+    assert fetching.listed_sources(files[1:2], "p/2.csv", [one, other]) == {files[1]: other}
+    assert fetching.listed_sources(files, "p/1.csv", []) == {}
+
+
 class Handler(BaseHTTPRequestHandler):
     """The first word of the address says how the server behaves; each request is noted in `server.seen`."""
 

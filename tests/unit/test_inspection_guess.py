@@ -323,6 +323,9 @@ def one_file_each(folder, header, text, suffix="csv"):
         ("", lambda n: f"{T[n]:.1f} {X[n]:.3f} {Y[n]:.3f}", {"t": 0, "x": 1, "y": 2}),
         ("id,t,x,y", lambda n: f"7,{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", {"t": "t", "x": "x", "y": "y"}),
         ("t;x;y;z", lambda n: f"{T[n]:.1f};{X[n]:.3f};{Y[n]:.3f};1.7", {"t": "t", "x": "x", "y": "y"}),
+        ("# rate 1", lambda n: f"{T[n]:.1f} {X[n]:.3f} {Y[n]:.3f}", {"t": 0, "x": 1, "y": 2}),
+        ("# rate 1\nt,x,y", lambda n: f"{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", {"t": "t", "x": "x", "y": "y"}),
+        ("# y,x,t", lambda n: f"{Y[n]:.3f},{X[n]:.3f},{T[n]:.1f}", {"t": 2, "x": 1, "y": 0}),
     ],
 )
 def test_a_folder_with_a_file_for_each_person(tmp_path, header, text, columns):
@@ -334,6 +337,15 @@ def test_a_folder_with_a_file_for_each_person(tmp_path, header, text, columns):
     assert sum(len(part.t) for part in tracks) == len(ROWS)
     if not header.startswith("id"):
         assert "inspect its folder" in refused(folder / "p003.csv")
+
+
+def test_files_of_one_name_in_several_folders_are_not_one_person(tmp_path):
+    for part in ("g1", "g2"):
+        (tmp_path / part).mkdir()
+        one_file_each(tmp_path / part / "persons", "", lambda n: f"{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}")
+    told = refused(tmp_path)
+    assert all(f"{part}/persons/p000.csv" in told for part in ("g1", "g2"))
+    assert drafted(tmp_path / "g1", tmp_path)[0]["recordings"][0]["files"] == "g1/**/*.csv"
 
 
 def test_classes_in_a_file_for_each_person(tmp_path):

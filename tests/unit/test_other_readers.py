@@ -237,6 +237,53 @@ def test_a_jupedsim_file(simulated):
     steady(tracks, 1.2)
 
 
+LARGE = [(2**53 + person, frame, 0.12 * frame, float(person)) for person in (0, 1) for frame in range(60)]
+
+
+@pytest.fixture
+def archived(tmp_path):
+    """Function (rows=ROWS, kind of ids) -> an archive's file."""
+    h5py = pytest.importorskip("h5py", reason="h5py is an extra: pip install 'modlhmp[hdf5]'")
+
+    def create(rows=ROWS, kind="i8"):
+        path = tmp_path / f"run{len(list(tmp_path.iterdir()))}.h5"
+        columns = [("id", kind), ("frame", "i8"), ("x", "f8"), ("y", "f8"), ("z", "f8")]
+        with h5py.File(path, "w") as file:
+            file["trajectory"] = np.array([(*row, 1.7) for row in rows], columns)
+            file["trajectory"].attrs["fps"] = "10.0"
+        return path
+
+    return create
+
+
+def test_ids_that_floats_do_not_hold_are_people_of_their_own(simulated, archived):
+    paths = {"jupedsim": [simulated(rows=LARGE)], "hdf5": [archived(LARGE), archived(LARGE, "u8")]}
+    for reader, path in [(reader, path) for reader, some in paths.items() for path in some]:
+        tracks, account = read_recording(path, FileFormat(reader=reader))
+        assert set(tracks.track_id.tolist()) == {2**53, 2**53 + 1}
+        assert account.rows_read == len(tracks.t) == 120
+
+
+def test_ids_that_are_not_whole_are_refused(simulated, archived):
+    bad = (1.5, 5, 0.0, 0.0)
+    files = {simulated(rows=[*ROWS, bad]): "1.5", archived([*ROWS, bad], "f8"): "1.5"}
+    files |= {archived([*ROWS, (2**24, 0, 0, 0)], "f4"): "16777216.0", archived(LARGE, "f8"): "9007199254740992"}
+    files |= {archived([*ROWS, (2**63, 0, 0, 0)], "u8"): "9223372036854775808"}
+    for path, told in files.items():
+        row = "1" if "9007" in told else "121"
+        with pytest.raises(DataError, match=rf"{path.name}, row {row}: id {told}.* is no whole number.*64 bits"):
+            read_recording(path, FileFormat(reader="jupedsim" if path.suffix == ".sqlite" else "hdf5"))
+
+
+def test_rows_without_an_id_are_counted(simulated, archived):
+    none = (None, 5, 0.0, 0.0)
+    paths = {"jupedsim": simulated(rows=[*LARGE, none]), "hdf5": archived([*ROWS, (np.nan, *none[1:])], "f8")}
+    for reader, path in paths.items():
+        tracks, account = read_recording(path, FileFormat(reader=reader))
+        assert (len(tracks.t), account.dropped_rows) == (120, {"nan_value": 1})
+        assert len(np.unique(tracks.track_id)) == 2
+
+
 def test_what_is_no_jupedsim_file_is_refused(simulated, write):
     bad = {write("no database"): "cannot be read", simulated(fps=None): "no `fps`", simulated(rows=[]): "no rows"}
     for path, message in bad.items():
@@ -244,13 +291,9 @@ def test_what_is_no_jupedsim_file_is_refused(simulated, write):
             read_recording(path, FileFormat(reader="jupedsim"))
 
 
-def test_an_archive_s_file(tmp_path):
-    h5py = pytest.importorskip("h5py", reason="h5py is an extra: pip install 'modlhmp[hdf5]'")
-    kind = [("id", "i8"), ("frame", "i8"), ("x", "f8"), ("y", "f8"), ("z", "f8")]
-    with h5py.File(tmp_path / "run.h5", "w") as file:
-        file["trajectory"] = np.array([(*row, 1.7) for row in ROWS], kind)
-        file["trajectory"].attrs["fps"] = "10.0"
-    steady(modlhmp.read_tracks(tmp_path / "run.h5", reader="hdf5"), 1.2)
+def test_an_archive_s_file(archived):
+    for kind in ("i8", "f8", "f4", "u2"):
+        steady(modlhmp.read_tracks(archived(kind=kind), reader="hdf5"), 1.2)
 
 
 def test_an_archive_s_file_without_h5py_names_the_extra(write, monkeypatch):

@@ -1,6 +1,7 @@
 """How people of one file are divided between training and test."""
 
 from dataclasses import replace
+from datetime import date, timedelta
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from planted import days_of_the_archive
 from test_cleaning import track
 
 from modlhmp.cleaning import clean_recording
-from modlhmp.datasets import divided
+from modlhmp.datasets import Dataset, divided, validation_part
 from modlhmp.file_format import Columns, FileFormat, Recording, Split
 from modlhmp.ids import Owners
 from modlhmp.splits import in_split
@@ -88,6 +89,22 @@ def test_whole_days_are_divided(write):
     assert [one.split for one in divided("d.yaml", days)] == ["train"] * 3 + ["test"] * 2
     with pytest.raises(DataError, match=r"d\.yaml: split: \{by: day\}: there is one day only, 2030-01-01"):
         divided("d.yaml", days[:1])
+
+
+@pytest.mark.parametrize("number", [2, 7, 25, 50, 75, 100])
+def test_shares_of_days_are_rounded_up_as_written(number):
+    """And not as floats have them: 0.28 of 25 is 7.000000000000001."""
+    names = [str(date(2030, 1, 1) + timedelta(n)) for n in range(number)]
+
+    def tested(recordings):
+        return sum(one.split == "test" for one in recordings)
+
+    for hundredths in range(1, 100):
+        chosen = Split(by="day", test=hundredths / 100)
+        days = [Recording(day=name, name=name, chosen=chosen) for name in names]
+        assert tested(divided("d.yaml", days)) == min(-(-hundredths * number // 100), number - 1), hundredths
+    training = Dataset(recordings=tuple(Recording(day=name, name=name) for name in names))
+    assert tested(validation_part(training).recordings) == -(-3 * number // 10)
 
 
 BY_PERSON = {"atc_1day": {"2012-10-24"}}  # a day of which one file has some people and another one the others

@@ -8,9 +8,11 @@ import threading
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from PIL import Image
 
 from modlhmp.origins import file_sha256
+from modlhmp.storage import read_metadata
 
 OWN_DATASET = """
 title: Own recording
@@ -246,6 +248,31 @@ def test_a_bad_recording_ends_with_a_message(own):
     output = own.snakemake(*OWN, fails=True)
     assert "tuesday.csv, row 1: no column 'y' for y" in output
     assert "Traceback" not in output
+
+
+def test_each_person_s_file_is_checked_against_its_own_source(own):
+    """The first one's sum is known, that of the second is recorded, the others are of no source."""
+    folder = own.folder / "recordings/people"
+    folder.mkdir()
+    own_csv(own.folder / "all.csv", 16, 1)
+    for person, rows in pd.read_csv(own.folder / "all.csv", sep=";").groupby("person"):
+        rows.drop(columns="person").to_csv(folder / f"{person:02}.csv", sep=";", index=False)
+    sources = [
+        {"url": "http://127.0.0.1:9/00", "file": "people/00.csv", "sha256": file_sha256(folder / "00.csv")},
+        {"url": "http://127.0.0.1:9/01", "file": "people/01.csv"},
+    ]
+    listed = yaml.safe_load(OWN_DATASET)
+    del listed["columns"]["track_id"]
+    entry = {"files": "people/*.csv", "day": "2031-03-03", "start": "09:30", "split": {"by": "person"}}
+    listed |= {"file_is": "person", "recordings": [entry], "sources": sources}
+    (own.folder / "config/datasets/own.yaml").write_text(yaml.safe_dump(listed))
+    tracks = "results/own/own/tracks/people-train.parquet"
+    own.snakemake(*OWN, "--", tracks)
+    assert f"{file_sha256(folder / '01.csv')}  people/01.csv" in (own.folder / "resources/SHA256SUMS").read_text()
+    assert len(read_metadata(own.folder / tracks)["sources"]) == 60
+    with (folder / "01.csv").open("a") as file:
+        file.write("999999;1;1\n")
+    assert "people/01.csv: expected SHA-256" in own.snakemake(*OWN, "--", tracks, fails=True)
 
 
 def test_sources_are_fetched_and_checked_ever_after(own):

@@ -8,20 +8,21 @@ from modlhmp.logs import job_log
 from modlhmp.origins import provenance, unchanged
 from modlhmp.settings import build
 from modlhmp.storage import write_json
-from modlhmp.study.fetch import check_sum, record_sum
+from modlhmp.study.fetch import check_sum, listed_sources, record_sum
 from modlhmp.tracks import write_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, raw = snakemake.params, snakemake.input.raw
-    recording = build(Recording, params.recording)
-    source = next((one for one in params.sources if one["file"] == recording.file), None)
-    if source is not None:
-        check_sum(raw, recording.file, source["sha256"], params.sums)
-    path = Path(raw, recording.member) if recording.member else str(raw)
-    with unchanged(*([raw] if isinstance(raw, str) else raw)) as hashes:
+    recording, files = build(Recording, params.recording), [raw] if isinstance(raw, str) else list(raw)
+    fetched = listed_sources(files, recording.file, params.sources)
+    for file, source in fetched.items():
+        check_sum(file, source["file"], source["sha256"], params.sums)
+    path = Path(files[0], recording.member) if recording.member else files[0]
+    with unchanged(*files) as hashes:
         tracks, account = clean_recording(path, build(FileFormat, params.dataset), recording)
-    if source is not None and not source["sha256"]:  # once it is known to be a recording
-        record_sum(hashes[Path(raw)], recording.file, params.sums)
+    for file, source in fetched.items():
+        if not source["sha256"]:  # once it is known to be a recording
+            record_sum(hashes[Path(file)], source["file"], params.sums)
     scenes = {"scenes": account.pop("scenes")} if "scenes" in account else {}
     log.info("account: %s", account)
     write_json(snakemake.output.account, account)

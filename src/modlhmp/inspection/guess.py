@@ -81,7 +81,8 @@ def guess_people(files: Sequence[str | Path]) -> Guess | None:
     if not all(map(_is_of_one, sheets)):
         return None
     first = sheets[-1]
-    found = _of_table(People(tuple(map(str, files)), first.separator or " ", first.header, first.skip_lines))
+    comment = next((one.comment for one in sheets if one.comment), "#")
+    found = _of_table(People(tuple(map(str, files)), first.separator or " ", first.header, first.skip_lines, comment))
     columns = {role: column for role, column in found.keys["columns"].items() if role != "track_id"}
     found.keys["columns"] = {role: _own(column) for role, column in columns.items()}
     for key in {"only", "without"} & found.keys.keys():

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from modlhmp.readers.numerals import number
-from modlhmp.readers.raw import People, line_blocks
+from modlhmp.readers.raw import FILE_COLUMN, People, line_blocks
 from modlhmp.readers.start import fields_of
 from modlhmp.storage import DataError
 
@@ -86,7 +86,7 @@ def read_sheet(path: str | Path | People, lines: list[str]) -> Sheet:
     if len(above) == 2 and not {field.lower() for field in above[1][1]} <= _UNITS:
         above = above[1:]  # the line before the names is of a preamble
     comments = [line.strip() for line in lines if comment and line.strip().startswith(comment)]
-    names = above[0][1] if above else _names_in(comments, width)
+    names = above[0][1] if above else _names_in(comments, width, [FILE_COLUMN] * isinstance(path, People))
     number_of_line = above[0][0] if above else table[begin][0]
     before = [n for n, _ in kept if n < number_of_line]
     rows = [row for _, row in table[begin:] if len(row) == width]
@@ -155,10 +155,10 @@ def _is_data(row, numeric, marks):
     return sum(bool(row[column]) and number(row[column], *marks) is not None for column in numeric) * 2 >= len(numeric)
 
 
-def _names_in(comments, width):
-    """Names of the columns in the last comment that has as many words as there are columns."""
+def _names_in(comments, width, before):
+    """Names of the columns, `before` first, in the last comment that has as many words as there are columns."""
     for line in reversed(comments):
-        words = line.strip("#% ").replace(",", " ").replace(";", " ").split()
+        words = [*before, *line.strip("#% ").replace(",", " ").replace(";", " ").split()]
         if len(words) == width and not any(number(word) is not None for word in words):
             return words
     return []

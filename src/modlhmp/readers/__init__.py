@@ -63,7 +63,7 @@ def _read_table(path, form, limits, origin):
         )
         layout = {**{key: plain[key] for key in keys}, "columns": columns, "ids": "text"}
         layout["separator"] = None if form.reader == "text" else form.separator
-        layout["comment"] = form.comment or ("#" if form.reader == "text" else None)
+        layout["comment"] = form.comment_mark
     if isinstance(path, People):
         moved = {field: column if isinstance(column, str) else column + 1 for field, column in columns.items()}
         layout |= {"columns": {"track_id": FILE_COLUMN if form.header else 0, **moved}, "skip_lines": 0}

@@ -9,10 +9,9 @@ from pathlib import Path
 
 from modlhmp.file_format import Recording
 from modlhmp.origins import file_sha256
-from modlhmp.readers.raw import COMPRESSED, find_recording
+from modlhmp.readers.raw import find_recording, stem_of
 from modlhmp.storage import DataError, refused
 
-_SUFFIXES = {"csv", "txt", "tsv", "ndjson", "dat"}
 IN_NAME = "in_name"  # a `day` that stands in the name of each file
 _HEAD_BYTES = 1 << 16
 
@@ -76,7 +75,7 @@ def names_of(source: str | Path, recordings: Sequence[Recording]) -> list[str]:
     `day1/tracks.csv` beside `day2/tracks.csv` is `day1.tracks`: a dot for each slash, and two for each dot, so that no
     two paths are written alike. `DataError` for files that differ in nothing but their suffix.
     """
-    stems, paths = [_stem(one) for one in recordings], [_path_name(one) for one in recordings]
+    stems, paths = [stem_of(one.path) for one in recordings], [_path_name(one) for one in recordings]
     names, before = stems, None
     while names != before:  # again, for a name without suffix may be another's path
         before = names
@@ -153,16 +152,7 @@ def _told(recording: Recording) -> str:
     return f"{recording.file}/{recording.member}" if recording.member else recording.file
 
 
-def _stem(recording: Recording) -> str:
-    """The name of a recording's file without the suffixes."""
-    name = Path(recording.path).name
-    for suffix in COMPRESSED:
-        name = name.removesuffix(suffix)
-    stem, _, suffix = name.rpartition(".")
-    return stem if stem and suffix in _SUFFIXES else name
-
-
 def _path_name(recording: Recording) -> str:
     """A recording's path under the data root, without its suffixes and slashes."""
     *folders, _ = Path(_told(recording)).parts
-    return ".".join(part.replace(".", "..") for part in (*folders, _stem(recording)))
+    return ".".join(part.replace(".", "..") for part in (*folders, stem_of(recording.path)))

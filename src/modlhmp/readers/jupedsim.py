@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from modlhmp.account import Account
+from modlhmp.readers.columns import NO_ID
 from modlhmp.storage import DataError, check_held, refused
 from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
@@ -32,13 +33,17 @@ def read_sqlite(path: str | Path, origin: float, day: tuple[float, float] | None
         if computed[0]:
             raise DataError(f"{path}: columns of trajectory_data are computed, not stored; write them as plain ones")
         cursor = file.execute("SELECT id, frame, pos_x, pos_y FROM trajectory_data")
-        parts = [np.array(part, float) for part in iter(lambda: cursor.fetchmany(ROWS_AT_ONCE), [])]
-        rows = np.concatenate([np.empty((0, 4)), *parts])
+        ids, parts = [np.empty(0, np.int64)], [np.empty((0, 3))]
+        for number, part in enumerate(iter(lambda: cursor.fetchmany(ROWS_AT_ONCE), [])):
+            given = np.array([NO_ID if row[0] is None else row[0] for row in part])
+            ids.append(_whole(path, given, number * ROWS_AT_ONCE))
+            parts.append(np.array([row[1:] for row in part], float))
+        rows = np.concatenate(parts)
         found = file.execute("SELECT value FROM metadata WHERE key = 'fps'").fetchone()
         rate = float(found[0]) if found else None
     if rate is None or not rows.size:
         raise DataError(f"{path}: {'no `fps` in its metadata' if rows.size else 'no rows in trajectory_data'}")
-    return _tracks(path, rows, rate, origin, day)
+    return _tracks(path, np.concatenate(ids), rows, rate, origin, day)
 
 
 def read_hdf5(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
@@ -52,17 +57,37 @@ def read_hdf5(path: str | Path, origin: float, day: tuple[float, float] | None =
         table: Any = file["trajectory"]
         rate = float(table.attrs["fps"])
         check_held(path, ROW_BYTES * table.size)
-        rows = np.column_stack([np.asarray(table[name], float) for name in ("id", "frame", "x", "y")])
-    return _tracks(path, rows, rate, origin, day)
+        ids = _whole(path, np.asarray(table["id"]))
+        rows = np.column_stack([np.asarray(table[name], float) for name in ("frame", "x", "y")])
+    return _tracks(path, ids, rows, rate, origin, day)
 
 
-def _tracks(path, rows, rate, origin, day):
-    """Rows [n, 4] of id, frame, x, y as tracks with their account."""
+def _whole(path, ids, rows_before=0):
+    """Ids [n] as int64, `NO_ID` where there is none; `DataError` for one that is not whole, or too large to be sure."""
+    if ids.dtype.kind == "i":
+        return ids.astype(np.int64)
+    if ids.dtype.kind == "u":
+        whole = ids < 2**63
+    else:
+        ids = ids if ids.dtype.kind == "f" else ids.astype(float)
+        ids = np.where(np.isfinite(ids), ids, NO_ID)
+        whole = (ids == NO_ID) | ((ids == np.rint(ids)) & (np.abs(ids) < 2 / np.finfo(ids.dtype).eps))
+    if not whole.all():
+        row = int(np.argmin(whole))
+        raise DataError(
+            f"{path}, row {rows_before + row + 1}: id {ids[row]} is no whole number that its type holds exactly, so "
+            "several people may share it: write ids as integers of 64 bits"
+        )
+    return ids.astype(np.int64)
+
+
+def _tracks(path, ids, rows, rate, origin, day):
+    """Rows of ids [n] and frame, x, y [n, 3] as tracks with their account."""
     account = Account()
     account.rows_read = len(rows)
     if not rate > 0:
         raise DataError(f"{path}: its frame rate is {rate:g}")
-    bad = ~np.isfinite(rows).all(axis=1)
+    bad = (ids == NO_ID) | ~np.isfinite(rows).all(axis=1)
     account.drop_rows("nan_value", bad.sum())
-    ids, frame, x, y = rows[~bad].T
-    return positions_alone(ids.astype(np.int64), origin + frame / rate, x, y, day, account), account
+    frame, x, y = rows[~bad].T
+    return positions_alone(ids[~bad], origin + frame / rate, x, y, day, account), account

@@ -8,7 +8,7 @@ import lzma
 import re
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import IO, NamedTuple, cast
 
@@ -19,6 +19,7 @@ from modlhmp.origins import check_unchanged, file_state
 from modlhmp.storage import DataError
 
 COMPRESSED = (".gz", ".bz2", ".zip")
+SUFFIXES = {"csv", "txt", "tsv", "ndjson", "dat"}  # of text; whatever else follows a dot is part of a name
 BLOCK_BYTES = 1 << 22
 # Beyond these a file is no recording, or made to fill memory: 8 MiB of a line are half a million positions.
 MOST_LINE_BYTES, MOST_WHOLE_BYTES = 1 << 23, 1 << 29
@@ -36,6 +37,15 @@ def archive_and_member(path: str | Path) -> tuple[Path, str | None]:
         if parent.suffix == ".zip" and parent.is_file():
             return parent, path.relative_to(parent).as_posix()
     return path, None
+
+
+def stem_of(file: str | Path) -> str:
+    """The name of a recording's file without its suffixes: `tracks.01Jul` of `days/tracks.01Jul.csv.gz`."""
+    name = Path(file).name
+    for suffix in COMPRESSED:
+        name = name.removesuffix(suffix)
+    stem, _, suffix = name.rpartition(".")
+    return stem if stem and suffix.lower() in SUFFIXES else name
 
 
 def find_recording(path: str | Path) -> Path | None:
@@ -105,6 +115,20 @@ def read_whole(path: str | Path) -> bytes:
     return content
 
 
+def ids_of_people(files: Sequence[str | Path]) -> list[str]:
+    """Whose each of the files of one person is: its name without suffixes; `DataError` for two files of one name."""
+    found: dict[str, str | Path] = {}
+    for file in files:
+        name = stem_of(file).strip()  # as readers take ids
+        if name in found:
+            raise DataError(
+                f"{found[name]} and {file}: a file's name is its person's id, and both are {name!r}: rename one, put "
+                "the two together if they are of one person, or give each folder an entry of `recordings`"
+            )
+        found[name] = file
+    return list(found)
+
+
 class People(NamedTuple):
     """Files of one person each, read like one file whose first column is the person's name."""
 
@@ -112,24 +136,40 @@ class People(NamedTuple):
     separator: str
     header: bool
     skip_lines: int
+    comment: str  # what a comment begins with; "": there are none
 
     def __str__(self) -> str:
         return f"{Path(self.files[0]).parent} ({len(self.files)} files)"
 
     def lines(self) -> Iterator[bytes]:
-        """Each file's lines in one piece; the names of the columns once."""
+        """Each file's lines, with the person's name before its rows, in pieces; the names of the columns once."""
         mark = self.separator.encode()
-        for number, file in enumerate(self.files):
-            name = Path(file).name.partition(".")[0]
-            if self.separator in name or '"' in name:
-                raise DataError(f"{file}: its name is an id, so it may hold neither {self.separator!r} nor quotes")
+        first: tuple[str, list[bytes]] | None = None  # file that names the columns, and the names
+        for file, name in zip(self.files, ids_of_people(self.files), strict=True):
+            if {self.separator, *'"\t\r\n'} & set(name) or (self.comment and name.startswith(self.comment)):
+                raise DataError(
+                    f"{file}: its name is an id, so it may hold neither {self.separator!r} nor quotes, tabs and ends "
+                    f"of lines, nor begin with a comment's {self.comment!r}: rename it"
+                )
             text = read_whole(file).removeprefix(codecs.BOM_UTF8)
             lines = (text if b"\n" in text else text.replace(b"\r", b"\n")).splitlines()[self.skip_lines :]
-            if self.header:
-                header, *lines = lines or [b""]
-                if number == 0:
-                    yield FILE_COLUMN.encode() + mark + header + b"\n"
-            yield b"".join(name.encode() + mark + line + b"\n" for line in lines if line.strip())
+            begin = next((n for n, line in enumerate(lines) if self._is_row(line)), len(lines))
+            yield b"".join(line + b"\n" for line in lines[:begin] if line.strip())
+            if self.header and begin < len(lines):
+                names = lines[begin].replace(mark, b" ").split()
+                if first is None:
+                    first = file, names
+                    yield FILE_COLUMN.encode() + mark + lines[begin] + b"\n"
+                if names != first[1]:
+                    own, other = (b" ".join(one).decode(errors="replace")[:80] for one in (names, first[1]))
+                    raise DataError(f"{file}: names columns {own!r}, {first[0]} {other!r}: write all files alike")
+                begin += 1
+            before = name.encode() + mark
+            yield b"".join((before if self._is_row(line) else b"") + line + b"\n" for line in lines[begin:])
+
+    def _is_row(self, line: bytes) -> bool:
+        start = line.lstrip()
+        return bool(start) and not (self.comment and start.startswith(self.comment.encode()))
 
 
 def line_blocks(path: str | Path | People, size: int = BLOCK_BYTES) -> Iterator[bytes]:

@@ -19,7 +19,7 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
-from modlhmp.origins import file_sha256
+from modlhmp.origins import by_name, file_sha256
 from modlhmp.storage import DataError, boundary, read_json, read_metadata
 from modlhmp.study.layout import Layout
 
@@ -66,9 +66,13 @@ def inputs(layout: Layout) -> dict[str, str]:
     for path in sorted(Path(layout.results).glob("*/tracks/*.parquet")):
         for name, digest in read_metadata(path).get("sources", {}).items():
             found[f"{path.parts[-3]}/{path.stem}/{name}"] = digest
-    for path in sorted(Path(layout.results).glob("*/maps/published/**/*.parquet")):
-        found |= {f"{path.parts[-4]}/{name}": one for name, one in read_metadata(path).get("sources", {}).items()}
-    return found
+    results = Path(layout.results)
+    maps = [
+        (f"{path.relative_to(results).parts[0]}/{name}", digest)
+        for path in sorted(results.glob("*/maps/published/**/*.parquet"))
+        for name, digest in read_metadata(path).get("sources", {}).items()
+    ]
+    return found | by_name(maps)
 
 
 def outputs(layout: Layout) -> dict[str, str]:

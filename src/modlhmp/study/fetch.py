@@ -7,10 +7,11 @@ import re
 import ssl
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import contextmanager
 from email.utils import mktime_tz, parsedate_tz
 from pathlib import Path
+from typing import Any
 from urllib.error import HTTPError, URLError
 from urllib.request import Request, urlopen
 
@@ -93,6 +94,17 @@ def read_as(path: Path, form: FileFormat, recordings: Iterable[Recording]) -> No
         file = Path(path, one.member) if one.member else path
         people = Recording(people=(str(file),) if one.people else ())
         read_recording(source_of(file, form, people), only_of(form, one), one.day, one.start, one.days)
+
+
+def listed_sources(
+    files: Sequence[str], first: str, sources: Iterable[Mapping[str, Any]]
+) -> dict[str, Mapping[str, Any]]:
+    """{file: the source that it is} of a recording's `files`, one or its people's; others are left out.
+
+    `first` is the path of the first of them under the data root, as `file` of each source is.
+    """
+    root, named = files[0].removesuffix(first) or ".", {one["file"]: one for one in sources}
+    return {file: named[name] for file in files if (name := os.path.relpath(file, root)) in named}
 
 
 def _read(read, part, path, url):
