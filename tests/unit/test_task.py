@@ -257,6 +257,35 @@ def test_a_recording_with_scenes_asks_for_these(tmp_path):
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet", "ndjson"])
+@pytest.mark.parametrize("output", ["ranked", "medoid", "modes", "mean"])
+def test_our_own_have_their_numbers_in_every_form(task, tmp_path, form, output):
+    """At the longest horizon, whose order every form carries, under both protocols."""
+    made = {}
+    for seed, name in enumerate(DAYS):
+        rng, some = np.random.default_rng(seed), futures(output, n=12, k=MODES + 3, steps=STEPS)
+        xy, fitness, alive = (part[:, ::-1].copy() for part in some[:3])  # so that sample 0 is not the best
+        if output == "mean":
+            xy, alive = rng.normal(size=xy.shape).astype(np.float32), np.full_like(alive, STEPS)
+        if output == "modes":
+            alive[:] = STEPS
+            fitness[:] = np.log([0.1, 0.05, 0.15, 0.4, 0.3, 1, 1, 1])[:, None]
+        made[name] = [(0, windows(DAYS[name], SITE).track_id, Forecast(xy, fitness, alive, output))]
+    write_hand_in(tmp_path, task, made, form)
+    handed = read_hand_in(tmp_path, task)
+    for name, forecasts in made.items():
+        ours, theirs = (
+            score_recording(DAYS[name], of, name, SITE).to_pandas() for of in (forecasts, handed.forecasts(name))
+        )
+        ours = ours[ours["output"] == ("mean_path" if output == "mean" else output)]
+        for metric in ("ade", "fde"):
+            last, own = (
+                np.stack(table.sort_values(["protocol", "track_id"])[metric])[:, -1] for table in (theirs, ours)
+            )
+            np.testing.assert_allclose(last, own, atol=1e-5)
+            assert np.isfinite(own).any()
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet", "ndjson"])
 def test_our_own_stand_in_the_order_of_their_numbers(task, tmp_path, form):
     """That of the recordings would tell who came after whom."""
     file, _ = write_hand_in(tmp_path, task, {name: cvm(name) for name in DAYS}, form)

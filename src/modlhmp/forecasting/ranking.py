@@ -11,6 +11,8 @@ import numpy as np
 
 from modlhmp.forecasting.base import Forecast
 
+RANKED = ("ranked", "medoid", "modes", "likeliest")  # outputs whose futures differ in standing, by their fitness
+
 
 def longest_lived(steps_alive: np.ndarray, steps: int) -> np.ndarray:
     """Which of the futures [n, k] have lived longest at each of `steps` horizons, bool [n, k, T]."""
@@ -39,11 +41,22 @@ def best_path(forecast: Forecast) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rank_order(forecast: Forecast, steps: int) -> np.ndarray:
-    """Indices [k] of the futures of one track, best ranked first, at the horizon of `steps` steps.
+    """Indices [n, k] of the futures of every track, best ranked first, at the horizon of `steps` steps.
 
-    `forecast` is without the axis of tracks: `log_fitness` [k, T], `steps_alive` [k].
+    A `forecast` without the axis of tracks, `log_fitness` [k, T] and `steps_alive` [k], has indices [k].
     """
-    return np.lexsort((-forecast.log_fitness[:, steps - 1], -_lived(forecast.steps_alive, steps)))
+    return np.lexsort((-forecast.log_fitness[..., steps - 1], -_lived(forecast.steps_alive, steps)))
+
+
+def best_first(forecast: Forecast) -> Forecast:
+    """The futures in the order of their ranks at the longest horizon; as they are where they have none."""
+    if forecast.output not in RANKED:
+        return forecast
+    order = rank_order(forecast, forecast.xy.shape[2])
+    xy, log_fitness, alive = (
+        np.take_along_axis(part, order.reshape(order.shape + (1,) * (part.ndim - 2)), axis=1) for part in forecast[:3]
+    )
+    return Forecast(xy, log_fitness, alive, forecast.output)
 
 
 def _lived(steps_alive: np.ndarray, horizon: int | np.ndarray) -> np.ndarray:
