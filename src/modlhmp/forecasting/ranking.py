@@ -26,7 +26,8 @@ def most_likely(log_fitness: np.ndarray, candidates: np.ndarray) -> np.ndarray:
     `log_fitness` [n, k, T] is cumulative, so each horizon ranks by its own prefix; `candidates` [n, k, T] says which
     futures may be chosen. Ties go to the first.
     """
-    score = np.where(candidates, log_fitness, -np.inf)
+    # A future of probability 0 has -inf, and is still a candidate before those that are none.
+    score = np.where(candidates, np.maximum(log_fitness, np.finfo(log_fitness.dtype).min), -np.inf)
     return np.where(candidates.any(axis=1), score.argmax(axis=1), -1)
 
 
