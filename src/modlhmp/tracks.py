@@ -147,9 +147,8 @@ def with_persons(table: pa.Table, persons: Mapping[int, int]) -> pa.Table:
     """A table with a column `track_id`, and at its end whose each is as `person`; without `persons` as it is."""
     if not persons:
         return table
-    return table.append_column(
-        "person", pa.array([persons.get(one, one) for one in column(table, "track_id").tolist()])
-    )
+    whose = [persons.get(one, one) for one in column(table, "track_id").tolist()]
+    return table.append_column("person", pa.array(whose, pa.int64()))  # of no rows, too
 
 
 def read_tracks(path: str | Path) -> Tracks:
