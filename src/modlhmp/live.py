@@ -95,7 +95,7 @@ class Live:
     """
 
     def __init__(
-        self, by: Map | UpdatedMap | str, horizon_s: float | None = None, seed: int = 0, *,
+        self, /, by: Map | UpdatedMap | str, horizon_s: float | None = None, seed: int = 0, *,
         most_people: int = MOST_PEOPLE, **asked: Any,
     ) -> None:  # fmt: skip
         if not isinstance(most_people, int | np.integer) or isinstance(most_people, bool) or most_people < 1:
