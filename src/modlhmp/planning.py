@@ -30,7 +30,7 @@ import pyarrow as pa
 
 from modlhmp.angles import TWO_PI, wrap_angle
 from modlhmp.api import Map
-from modlhmp.arguments import numbers
+from modlhmp.arguments import numbers, unix_time
 from modlhmp.kinds import find
 from modlhmp.maps import stef
 from modlhmp.maps.comparison import direction_shares
@@ -181,7 +181,7 @@ def _table_at(a_map: Map, t: float | None) -> tuple[str, pa.Table]:
         return a_map.kind, stef.mean_probabilities(table) if a_map.kind == "stef" else table
     if t is None:
         raise DataError(f"path_cost: a map of kind {a_map.kind} is by hours: give the time `t` in unix s")
-    hour = int(clock_hours(np.array([t], float), a_map.site.timezone)[0])
+    hour = int(clock_hours(np.array([unix_time("path_cost: t", t)]), a_map.site.timezone)[0])
     if hour not in a_map.hours:
         raise DataError(f"path_cost: t {t}: it is in hour {hour}, of which there is no map; there are {[*a_map.hours]}")
     return a_map.kind, a_map.hours[hour]
