@@ -3,6 +3,7 @@
 import dataclasses
 import os
 from collections.abc import Mapping
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,13 @@ USUAL_M_S = 10.0  # of half of all steps: nobody walks so
 START_M = 1.0  # what a history may differ from the truth at t0
 STEPS_APART = (0.8, 1.25)  # of rows that need no resampling, in time steps
 EVEN, OFF_GRID = 0.9, 0.2  # of the rows are so near, in time steps, to a whole number of them, or these are in doubt
+
+
+def unix_time(told: str, t: Any) -> float:
+    """A moment in unix s; `DataError` for what is none, `told` being its name."""
+    if not isinstance(t, Real) or isinstance(t, bool) or not abs(t) < LATEST_S:  # type: ignore[operator]  # also NaN
+        raise DataError(f"{told} {t!r}: give a time in unix s")
+    return float(t)
 
 
 def site_of(site: Any, of_map: Site | None = None) -> Site:

@@ -99,9 +99,7 @@ class Futures:
         n, k = self.paths.shape[:2]
         ranks = np.zeros((n, k), np.int64)
         if self.forecast.output in {"ranked", "medoid"}:
-            for row in range(n):
-                walker = Forecast(*(part[row] for part in self.forecast[:3]), self.forecast.output)  # type: ignore[call-arg]
-                ranks[row, rank_order(walker, self.forecast.xy.shape[2])] = np.arange(k)
+            np.put_along_axis(ranks, rank_order(self.forecast, self.forecast.xy.shape[2]), np.arange(k)[None], axis=1)
         return ranks
 
     def density(

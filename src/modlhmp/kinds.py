@@ -68,6 +68,11 @@ class Kind:
         return self.form or self.name
 
     @property
+    def has_flows(self) -> bool:
+        """Whether its map says of places which ways people go there (`maps.comparison`)."""
+        return self.has_map and self.tables in {"cliff", "tc_cliff", "stef"}
+
+    @property
     def has_samples(self) -> bool:
         """Whether a forecast is several futures, which are a distribution; of files from outside it may be."""
         several = self.forecasts is not None and (self.has_map or (self.learned and not self.one_path))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from modlhmp.api import Map, predictor
-from modlhmp.arguments import LATEST_S, uses_recorded
+from modlhmp.arguments import LATEST_S, unix_time, uses_recorded
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures
@@ -95,7 +95,7 @@ class Live:
     """
 
     def __init__(
-        self, by: Map | UpdatedMap | str, horizon_s: float | None = None, seed: int = 0, *,
+        self, /, by: Map | UpdatedMap | str, horizon_s: float | None = None, seed: int = 0, *,
         most_people: int = MOST_PEOPLE, **asked: Any,
     ) -> None:  # fmt: skip
         if not isinstance(most_people, int | np.integer) or isinstance(most_people, bool) or most_people < 1:
@@ -170,9 +170,7 @@ class Live:
         """
         if t0 is None and self.now == -math.inf:
             raise DataError("Live.forecast: nobody has been seen yet; give rows to `see` first, or a t0")
-        t0 = self.now if t0 is None else t0
-        if not isinstance(t0, Real) or isinstance(t0, bool) or not abs(float(t0)) < LATEST_S:
-            raise DataError(f"Live.forecast: t0 {t0!r}: give a time in unix s")
+        t0 = self.now if t0 is None else unix_time("Live.forecast: t0", t0)
         if t0 < self.now - self.site.time_step_s:
             raise DataError(
                 f"Live.forecast: t0 {t0:.3f} is {self.now - t0:.3g} s before the newest row; what a forecast needs is "
@@ -182,7 +180,7 @@ class Live:
             self._predictor = predictor(learned(self._learner.kept), **self._asked)
         self.counts["forecasts"] += 1
         people = [person for person in self._people.values() if len(person.rows[0])]
-        seen, state = ending_at(_tracks_of(people), float(t0), self.site.time_step_s, self.site.observed_rows)
+        seen, state = ending_at(_tracks_of(people), t0, self.site.time_step_s, self.site.observed_rows)
         number = np.bincount(state, minlength=3)
         self.present = {"here": int(number[HERE]), "new": int(number[NEW]), "gone": int(number[GONE])}
         here = [people[one] for one in np.flatnonzero(state == HERE)]
@@ -190,7 +188,8 @@ class Live:
         n, rows = len(here), self.site.observed_rows
         if n:
             parts = (part.reshape(n, rows) for part in seen[1:])
-            return self._predictor.futures(Observed(seen.track_id[::rows], *parts, np.empty((n, 0, rows, 2))))
+            nobody_near = np.empty((n, 0, rows, 2))
+            return self._predictor.futures(Observed(seen.track_id[::rows], *parts, nobody_near))  # type: ignore[call-arg]
         steps, none = self._predictor.steps, np.empty(0)
         nobody = Forecast(
             np.empty((0, 1, steps, 2), np.float32),

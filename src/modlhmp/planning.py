@@ -30,10 +30,9 @@ import pyarrow as pa
 
 from modlhmp.angles import TWO_PI, wrap_angle
 from modlhmp.api import Map
-from modlhmp.arguments import numbers
-from modlhmp.kinds import find
+from modlhmp.arguments import numbers, unix_time
 from modlhmp.maps import stef
-from modlhmp.maps.comparison import direction_shares
+from modlhmp.maps.comparison import check_flows, direction_shares
 from modlhmp.storage import DataError, column
 from modlhmp.tracks import clock_hours
 
@@ -110,7 +109,7 @@ def path_cost(
     delay_s: float = 10.0,
     width_m: float = 1.0,
 ) -> PathCost:
-    """The cost of a path against the flow that a map of kind `cliff`, `tc_cliff` or `stef` has learned.
+    """The cost of a path against the flow that a CLiFF- or STeF-map, or one of their forms, has learned.
 
         there = modlhmp.path_cost(a_map, [(0, 0), (12, 3)], speed_m_s=0.8)
         print(there.total("upstream"), there.time_s)
@@ -173,15 +172,14 @@ def _table_at(a_map: Map, t: float | None) -> tuple[str, pa.Table]:
     """Kind and table of the map that serves the time `t`."""
     if not isinstance(a_map, Map):
         raise DataError(f"path_cost: {type(a_map).__name__}: give a Map (build_map, load_map)")
-    if find(a_map.kind).tables not in {"cliff", "tc_cliff", "stef"}:
-        raise DataError(f"path_cost: a map of kind {a_map.kind} holds no flows of places; cliff, tc_cliff and stef do")
+    check_flows("path_cost", a_map.kind)
     if not a_map.hours:
         table = a_map.whole
         assert table is not None
         return a_map.kind, stef.mean_probabilities(table) if a_map.kind == "stef" else table
     if t is None:
         raise DataError(f"path_cost: a map of kind {a_map.kind} is by hours: give the time `t` in unix s")
-    hour = int(clock_hours(np.array([t], float), a_map.site.timezone)[0])
+    hour = int(clock_hours(np.array([unix_time("path_cost: t", t)]), a_map.site.timezone)[0])
     if hour not in a_map.hours:
         raise DataError(f"path_cost: t {t}: it is in hour {hour}, of which there is no map; there are {[*a_map.hours]}")
     return a_map.kind, a_map.hours[hour]

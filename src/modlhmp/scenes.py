@@ -1,5 +1,6 @@
 """Scenes: the forecasts that a recording asks for itself, as TrajNet++'s files do: of whom, and over which time."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,7 +29,12 @@ class Scenes(NamedTuple):
 
 def read_scenes(path: str | Path) -> Scenes | None:
     """The scenes of a clean recording; None where its files have none."""
-    plain = read_metadata(path).get("scenes")
+    return scenes_of(read_metadata(path))
+
+
+def scenes_of(account: Mapping[str, Any]) -> Scenes | None:
+    """The same from what cleaning says beside the tracks, `scenes` among it as JSON data (`Scenes.plain`)."""
+    plain = account.get("scenes")
     if plain is None:
         return None
     return Scenes(np.array(plain["track_id"], np.int64), np.array(plain["begin"]), np.array(plain["end"]))

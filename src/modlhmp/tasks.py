@@ -11,7 +11,7 @@ from modlhmp.datasets import Dataset, load_dataset, validation_part
 from modlhmp.exchange.hand_in import HandIn, read_hand_in, write_hand_in
 from modlhmp.exchange.task import Task, make_task, write_task
 from modlhmp.forecasting.files import read_forecasts
-from modlhmp.recordings import clean
+from modlhmp.recordings import clean, clean_with_scenes
 from modlhmp.scoring.errors import nan_mean
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.scoring.protocols import PROTOCOLS
@@ -69,7 +69,7 @@ def task_of(dataset: Dataset, split: Split = "test", neighbours: bool = False) -
         (
             (
                 one.name,
-                clean(dataset, one),
+                *clean_with_scenes(dataset, one),
                 [clean(dataset, dataset.recording(other)) for other in dataset.same_day(one.name)]
                 if neighbours
                 else None,
@@ -86,9 +86,12 @@ def score_hand_in(
 ) -> tuple[HandIn, list[Row]]:
     """Check the forecasts in a folder for the task of a dataset file, and score them as a run would."""
     used = _dataset(dataset, data_root, split)
-    tracks = {one.name: clean(used, one) for one in _tested(used, split)}
-    handed = read_hand_in(folder, make_task(((name, one, None) for name, one in tracks.items()), used, used.name))
-    tables = [score_recording(one, handed.forecasts(name), name, used) for name, one in tracks.items()]
+    tested = {one.name: clean_with_scenes(used, one) for one in _tested(used, split)}
+    handed = read_hand_in(folder, make_task(((name, *one, None) for name, one in tested.items()), used, used.name))
+    tables = [
+        score_recording(tracks, handed.forecasts(name), name, used, scenes=scenes)
+        for name, (tracks, scenes) in tested.items()
+    ]
     return handed, rows_of(tables, scored_horizons(None, used), used.time_step_s)
 
 

@@ -20,6 +20,7 @@ COLUMNS = {"track_id": np.int64, "t": np.float64, "x": np.float64, "y": np.float
            "speed": np.float64, "heading": np.float64}  # fmt: skip
 LATE_STEPS = 0.05  # what the jitter of clocks may take from the time of a row, in time steps
 MAX_GAP_S = 5.0  # a track with a longer gap between two rows is not one, at steps up to half of it (`gap_limit`)
+_FIRST_S = -60_000_000_000  # the year 68: dates begin with the year 1, and no zone had changed its time by then
 LEAST_JUMP_S = 0.4  # a displacement is judged over no less, so that a tracker's jitter is no jump
 
 
@@ -147,9 +148,8 @@ def with_persons(table: pa.Table, persons: Mapping[int, int]) -> pa.Table:
     """A table with a column `track_id`, and at its end whose each is as `person`; without `persons` as it is."""
     if not persons:
         return table
-    return table.append_column(
-        "person", pa.array([persons.get(one, one) for one in column(table, "track_id").tolist()])
-    )
+    whose = [persons.get(one, one) for one in column(table, "track_id").tolist()]
+    return table.append_column("person", pa.array(whose, pa.int64()))  # of no rows, too
 
 
 def read_tracks(path: str | Path) -> Tracks:
@@ -254,5 +254,5 @@ def clock_offsets(t: np.ndarray, timezone: str) -> np.ndarray:
 
 @lru_cache(maxsize=1 << 12)  # three days: a stream of weeks is not to fill memory
 def _offset(minute: int, timezone: str) -> float:
-    local = datetime.fromtimestamp(60 * minute, ZoneInfo(timezone))
+    local = datetime.fromtimestamp(max(60 * minute, _FIRST_S), ZoneInfo(timezone))
     return local.utcoffset().total_seconds()  # type: ignore[union-attr]

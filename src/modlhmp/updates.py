@@ -44,7 +44,9 @@ class UpdatedMap:
     half; None: nothing is forgotten. An update that is refused (`DataError`) leaves the map as it was.
     """
 
-    def __init__(self, kind: str, site: Site | None = None, half_life_h: float | None = None, **building: Any) -> None:
+    def __init__(
+        self, /, kind: str, site: Site | None = None, half_life_h: float | None = None, **building: Any
+    ) -> None:
         if kind not in STATES:
             raise DataError(unknown("UpdatedMap", "kind", kind, STATES))
         record: Any = find(kind)

@@ -180,7 +180,7 @@ WEIGHTS = {"bias": torch.linspace(-1, 1, 5), "weight": torch.arange(6, dtype=tor
 
 @cache
 def task() -> Any:
-    return make_task([("monday", crowd(people=6), None)], Site(horizon_s=4), "hall")
+    return make_task([("monday", crowd(people=6), None, None)], Site(horizon_s=4), "hall")
 
 
 def hand_in(form: str) -> Callable[[Path], object]:

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,6 +16,7 @@ from modlhmp.forecasting.median import with_median
 from modlhmp.forecasting.medoid import with_medoid
 from modlhmp.forecasting.modes import with_modes
 from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.scenes import Scenes
 from modlhmp.scoring.protocols import score
 from modlhmp.scoring.uncertainty import (
     MEASURES,
@@ -31,7 +33,7 @@ from modlhmp.scoring.uncertainty import (
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.study.reliability import calibration, read_uncertainty, reliability, summarise
-from modlhmp.tracks import Tracks, concatenate
+from modlhmp.tracks import Tracks, concatenate, with_persons
 
 SEEDS = st.integers(0, 10**6)
 STEPS = 6
@@ -291,6 +293,19 @@ def test_a_recording_is_measured_in_parts(monkeypatch):
     pd.testing.assert_frame_equal(parts, whole)
     assert sorted(set(whole["track_id"])) == [10, 11, 13, 14, 15, 16]
     assert whole.loc[whole["track_id"] == 16, "has_left"].iloc[0].tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("scenes", [None, Scenes(*np.empty((3, 0)))])
+def test_a_recording_without_a_forecast_is_measured_as_empty(scenes):
+    """As a file of forecasts gives it: no block at all; its table joins those of others."""
+    tracks = walkers(6, [SITE.observed_rows if scenes is None else 20] * 6)
+    nothing = score_samples(tracks, iter([]), "day", SITE, 5, [2.0, 6.0], scenes)
+    rng, others = np.random.default_rng(1), walkers(6, [20] * 6)
+    of_others = None if scenes is None else Scenes(np.arange(10, 16), others.t[::20], others.t[19::20])
+    made = [(0, np.arange(10, 16), futures(rng, n=6))]
+    table = score_samples(others, made, "other", SITE, 5, [2.0, 6.0], of_others)
+    assert nothing.num_rows == 0 and table.num_rows == 6
+    assert pa.concat_tables([with_persons(one, {15: 10}) for one in (nothing, table)]).num_rows == 6
 
 
 def test_a_file_is_summarised_by_track_then_over_tracks(tmp_path):

@@ -92,7 +92,7 @@ def test_what_a_task_shows(neighbours):
     shown = []
     for known in (tracks, noise_after(tracks, moment)):
         others = [known.take(~own)] if neighbours else None
-        task = make_task([("day", known.take(own), others)], SITE, "corridor")
+        task = make_task([("day", known.take(own), None, others)], SITE, "corridor")
         order = np.argsort(task.observed.x[:, 0])
         shown.append([part[order] for part in task.observed[1:]])
     assert np.isfinite(shown[0][-1]).any() == neighbours

@@ -1,5 +1,6 @@
 """`modlhmp map`: build, info, plot, convert and compare, as one would type them."""
 
+import inspect
 import re
 from itertools import pairwise
 
@@ -14,6 +15,7 @@ from modlhmp.maps.base import hour_files
 from modlhmp.maps.comparison import compare, flows
 from modlhmp.storage import column
 from modlhmp.tracks import write_tracks
+from modlhmp.updates import UpdatedMap
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +52,36 @@ def test_help_teaches_by_example(verb):
     assert f"modlhmp map {verb} " in text
     assert "Traceback" not in text
     assert "Status 0: done; 1: the data are" in " ".join(said("--help")[0].split())
+
+
+VERBS = {  # that take --set: what is said, the library's function behind them, which of its arguments --set may give
+    "forecast": (
+        ("forecast", "--map", "cliff.parquet", "--tracks", "tracks.parquet"),
+        modlhmp.forecast,
+        ("k", "exits"),
+    ),
+    "live": (("live", "--map", "cliff.parquet"), modlhmp.Live.__init__, ("seed", "most_people")),
+    "build": (("map", "build", "cliff", "tracks.parquet", "--out", "new.parquet"), modlhmp.build_map, ()),
+    "update": (("map", "update", "new.state.parquet", "tracks.parquet"), UpdatedMap.__init__, ()),
+    "info": (("map", "info", "cliff.csv"), modlhmp.load_map, ()),
+    "convert": (("map", "convert", "cliff.csv", "new.parquet"), modlhmp.load_map, ()),
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_arguments_are_no_options_of_a_kind(folder, monkeypatch, capsys, verb):
+    """They are refused by their names, whatever the function behind the verb calls its own."""
+    monkeypatch.chdir(folder)
+    words, function, options = VERBS[verb]
+    named = [one.name for one in inspect.signature(function).parameters.values() if one.kind != one.VAR_KEYWORD]
+    for name in {*named, "self", "source"} - {*options}:
+        monkeypatch.setattr("sys.argv", ["modlhmp", *words, "--set", f"{name}=1"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        told = capsys.readouterr().err.strip().splitlines()[-1]
+        assert ended.value.code == 1
+        assert told.startswith(f"--set {name}=1: ") or f"unknown key '{name}'" in told
+    assert not list(folder.glob("new*"))
 
 
 # --- build ------------------------------------------------------------------------------------------------------------
@@ -322,7 +354,9 @@ def test_maps_of_two_kinds(folder):
 
 def test_maps_that_hold_walks_are_not_compared(folder, monkeypatch, capsys):
     line = refused(monkeypatch, capsys, "compare", folder / "cliff.parquet", folder / "episodes.parquet")
-    assert "a map of kind episodes holds walks" in line
+    assert (
+        "a map of kind episodes holds no flows of places; kinds that do: cliff, tc_cliff, smoothed_cliff, stef" in line
+    )
 
 
 def cliff_of(*components, step="1"):

@@ -5,6 +5,7 @@ import inspect
 import json
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -78,7 +79,7 @@ def test_the_paper_s_exhibits_are_there():
 @pytest.mark.parametrize("exhibit", EXHIBITS, ids=NAMES)
 def test_what_draws_it_takes_what_it_asks(exhibit, plan):
     """The function exists, and its arguments are the layout, the dataset or datasets, the stem and the asks."""
-    arguments = inspect.signature(exhibit.drawn_by())
+    arguments = inspect.signature(getattr(import_module(exhibit.module), exhibit.function))
     for shown, asks in calls(exhibit, plan):
         bound = arguments.bind(plan.layout, shown[0] if exhibit.per_dataset else shown, "stem", **asks)
         assert len(bound.arguments) == 3 + len(asks)

@@ -1,5 +1,7 @@
 """What a path costs against the flow: published costs on flows that are known, and people met as in a simulation."""
 
+import re
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -212,3 +214,6 @@ def test_what_has_no_flow():
     refused("is by hours: give the time", cliff_map(EAST, kind="tc_cliff"), path)
     refused("in hour 0, of which there is no map; there are .9.", cliff_map(EAST, kind="tc_cliff"), path, t=0)
     assert modlhmp.path_cost(cliff_map(EAST, kind="tc_cliff"), path, t=9 * 3600).mapped_share == 1
+    for t in (np.nan, np.inf, 1e20, -1e20, 10**400, 1.35e12, "now", [0.0], True):
+        refused(f"t {re.escape(repr(t))}: give a time in unix s", cliff_map(EAST, kind="tc_cliff"), path, t=t)
+    refused("of which there is no map", cliff_map(EAST, kind="tc_cliff"), path, t=-9e10)

@@ -19,9 +19,12 @@ from modlhmp.forecasting.base import MODES, Forecast
 from modlhmp.forecasting.cvm import forecaster
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import windows
+from modlhmp.inspection import inspect_dataset
 from modlhmp.options import ConstantVelocity
 from modlhmp.recordings import clean
+from modlhmp.scenes import Scenes
 from modlhmp.scoring.recording import score_recording
+from modlhmp.tasks import export_task, score_hand_in
 
 SITE = Site(horizon_s=8)
 STEPS, SEEN = 8, SITE.observed_rows
@@ -30,8 +33,20 @@ LATER = WALKS._replace(t=WALKS.t + 86400, x=WALKS.x + 3)
 DAYS = {"monday": WALKS, "tuesday": LATER}
 
 
-def task_of(days=DAYS, site=SITE, name="hall", neighbours=False):
-    return make_task(((day, tracks, [] if neighbours else None) for day, tracks in days.items()), site, name)
+def task_of(days=DAYS, site=SITE, name="hall", neighbours=False, scenes=None):
+    of = scenes or {}
+    return make_task(
+        ((day, tracks, of.get(day), [] if neighbours else None) for day, tracks in days.items()), site, name
+    )
+
+
+def late_scenes(times=1):
+    """Scenes of every track, the first of 12 rows from its 7th on, then every 3 rows; {day: Scenes}."""
+    found = {}
+    for day, tracks in DAYS.items():
+        row = (tracks.bounds()[:-1, None] + 6 + 3 * np.arange(times)).ravel()
+        found[day] = Scenes(tracks.track_id[row], tracks.t[row], tracks.t[row] + 11)
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +184,7 @@ def test_tracks_to_train_on_are_whole(task, tmp_path, form):
 
 
 def test_nobody_to_forecast(tmp_path):
-    with pytest.raises(DataError, match="hall: no track has 5 rows"):
+    with pytest.raises(DataError, match=r"hall: no track \(or scene\) has 5 rows"):
         task_of({"monday": WALKS.take(slice(0, 3))})
 
 
@@ -180,29 +195,94 @@ def scores(handed, name):
     return score_recording(DAYS[name], handed.forecasts(name), name, SITE).to_pandas()
 
 
-def cvm(name, site=SITE):
-    return forecast_recording(DAYS[name], forecaster(None, site, ConstantVelocity()), site, ("h", "cvm", name), 1, [0])
+def cvm(name, site=SITE, scenes=None):
+    names, own = ("h", "cvm", name), (scenes or {}).get(name)
+    return forecast_recording(DAYS[name], forecaster(None, site, ConstantVelocity()), site, names, 1, [0], scenes=own)
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet", "ndjson"])
-@pytest.mark.parametrize("every_s", [None, 5])
-def test_our_own_come_back_to_the_bit(tmp_path, form, every_s):
+@pytest.mark.parametrize(
+    ("every_s", "scenes"), [(None, None), (5, None), (None, late_scenes()), (None, late_scenes(2)), (5, late_scenes())]
+)
+def test_our_own_come_back_to_the_bit(tmp_path, form, every_s, scenes):
     site = Site(horizon_s=8, forecast_every_s=every_s)
-    task = task_of(site=site)
-    write_hand_in(tmp_path, task, {name: cvm(name, site) for name in DAYS}, form)
+    task = task_of(site=site, scenes=scenes)
+    write_hand_in(tmp_path, task, {name: cvm(name, site, scenes) for name in DAYS}, form)
     handed = read_hand_in(tmp_path, task)
     assert handed.coverage().endswith(f"{len(task.observed.x)} of {len(task.observed.x)} tracks have a forecast")
     for name, tracks in DAYS.items():
-        ours, theirs = list(cvm(name, site)), list(handed.forecasts(name))
+        ours, theirs = list(cvm(name, site, scenes)), list(handed.forecasts(name))
         for (seed, ids, one), (_, other_ids, other) in zip(ours, theirs, strict=True):
             np.testing.assert_array_equal(ids, other_ids)
             for part, again in zip(one, other, strict=True):
                 np.testing.assert_array_equal(part, again)
             assert (seed, other.output) == (0, "single")
-        expected = score_recording(tracks, ours, name, site)
-        again = score_recording(tracks, theirs, name, site)
+        own = None if scenes is None else scenes[name]
+        row = windows(tracks, site, own).row
+        np.testing.assert_array_equal(task.start[task.ids[name]], np.column_stack([tracks.x[row], tracks.y[row]]))
+        expected = score_recording(tracks, ours, name, site, scenes=own)
+        again = score_recording(tracks, theirs, name, site, scenes=own)
         for column in expected.column_names:
             np.testing.assert_array_equal(*(np.array(one[column].to_pylist()) for one in (again, expected)))
+
+
+def test_a_recording_with_scenes_asks_for_these(tmp_path):
+    """Export, forecast and score by a dataset file; with one scene a track, nothing but t0 tells them from none."""
+    begin, lines = 6, []
+    for person in range(8):
+        walked = np.maximum(np.arange(20) - begin, 0) * (1 + 0.1 * person)  # stands before its scene
+        lines.append(
+            {"scene": {"id": person, "p": person, "s": begin, "e": 19 if person else 15, "fps": 1.0, "tag": 0}}
+        )
+        lines += [{"track": {"f": f, "p": person, "x": x, "y": 3.0 * person}} for f, x in enumerate(walked.tolist())]
+    text = "".join(json.dumps(line) + "\n" for line in lines)
+    (tmp_path / "noon.ndjson").write_text(text)
+    (tmp_path / "morning.ndjson").write_text(text + "\n")
+    sheet = tmp_path / "plaza.yaml"
+    sheet.write_text(
+        "{title: Plaza, reader: trajnet, timezone: UTC, clock: unknown, time_step_s: 1, horizon_s: 8, "
+        "velocity: differences, citation: a test, terms: free, "
+        "recordings: [{files: morning.ndjson, split: train}, {files: noon.ndjson, split: test}]}"
+    )
+    task, _ = export_task(sheet, tmp_path / "task", tmp_path)
+    assert task.observed.x[:, -1] == pytest.approx(3 * (1 + 0.1 * task.start[:, 1] / 3))
+    assert "in every scene" in json.loads((tmp_path / "task/task.json").read_text())["leaks"][0]
+    hand_in(tmp_path / "theirs", task, straight(task))
+    _, rows = score_hand_in(tmp_path / "theirs", sheet, tmp_path)
+    assert max(row.fde_m for row in rows) < 1e-6
+    counted = {row.horizon_s: row.n for row in rows if row.protocol == "complete"}
+    assert counted[2] == 8 and counted[8] == 7
+    told = dict(dict(inspect_dataset(sheet, tmp_path).tables)["The dataset"])
+    assert told["forecasts by horizon"] == ", ".join(f"{horizon:g} s: {n}" for horizon, n in counted.items())
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet", "ndjson"])
+@pytest.mark.parametrize("output", ["ranked", "medoid", "modes", "mean"])
+def test_our_own_have_their_numbers_in_every_form(task, tmp_path, form, output):
+    """At the longest horizon, whose order every form carries, under both protocols."""
+    made = {}
+    for seed, name in enumerate(DAYS):
+        rng, some = np.random.default_rng(seed), futures(output, n=12, k=MODES + 3, steps=STEPS)
+        xy, fitness, alive = (part[:, ::-1].copy() for part in some[:3])  # so that sample 0 is not the best
+        if output == "mean":
+            xy, alive = rng.normal(size=xy.shape).astype(np.float32), np.full_like(alive, STEPS)
+        if output == "modes":
+            alive[:] = STEPS
+            fitness[:] = np.log([0.1, 0.05, 0.15, 0.4, 0.3, 1, 1, 1])[:, None]
+        made[name] = [(0, windows(DAYS[name], SITE).track_id, Forecast(xy, fitness, alive, output))]
+    write_hand_in(tmp_path, task, made, form)
+    handed = read_hand_in(tmp_path, task)
+    for name, forecasts in made.items():
+        ours, theirs = (
+            score_recording(DAYS[name], of, name, SITE).to_pandas() for of in (forecasts, handed.forecasts(name))
+        )
+        ours = ours[ours["output"] == ("mean_path" if output == "mean" else output)]
+        for metric in ("ade", "fde"):
+            last, own = (
+                np.stack(table.sort_values(["protocol", "track_id"])[metric])[:, -1] for table in (theirs, ours)
+            )
+            np.testing.assert_allclose(last, own, atol=1e-5)
+            assert np.isfinite(own).any()
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet", "ndjson"])
@@ -582,7 +662,7 @@ def test_a_real_recording_with_another_time_step(real_data, load_shipped, tmp_pa
     """ETH's hotel, 12 steps of 0.4 s: every track once, our own forecasts back to the bit."""
     hotel = load_shipped("hotel", real_data)
     days = {one.name: clean(hotel, one) for one in hotel.of_split("test")}
-    task = make_task(((name, one, None) for name, one in days.items()), hotel, "hotel")
+    task = make_task(((name, one, None, None) for name, one in days.items()), hotel, "hotel")
     assert task.about["time_step_s"] == 0.4 and task.about["tasks"] > 50
     assert np.abs(task.observed.t[:, -1]).max() == 0 and len(np.unique(task.observed.x, axis=0)) > 50
     made = {

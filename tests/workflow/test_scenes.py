@@ -8,6 +8,7 @@ import pytest
 from project import Project
 
 from modlhmp.ids import id_of
+from modlhmp.tasks import export_task
 
 DATASET = """
 title: Plaza
@@ -35,6 +36,13 @@ compare: [cliff, snippets]
 comparisons: [[snippets, cliff]]
 studies: {method: cliff, beta: [0.5, 1], sampling_radius_m: [], training: {shares: []}}
 uncertainty: {methods: [snippets], samples: 40}
+"""
+HANDED = """
+compare: [snippets, handed]
+methods: {handed: {kind: forecasts, folder: handed}}
+comparisons: []
+ladder: {rows: []}
+uncertainty: {methods: [handed]}
 """
 TABLES = ("tab_expres", "tab_ttests", "tab_uncertainty", "tab_encounters", "readings-plaza")
 FIGURES = ("density", "prediction_example", "parameter-plaza")
@@ -73,7 +81,7 @@ def plaza(path, seed, people=60):
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """(Folder in which everything has been made of such recordings, the forecasts asked for, rows of the training)."""
+    """(Project in which everything has been made of such recordings, the forecasts asked for, rows of the training)."""
     project = Project(tmp_path_factory.mktemp("plaza"))
     (project.folder / "config/datasets/plaza.yaml").write_text(DATASET)
     (project.folder / "plaza.yaml").write_text(RUN)
@@ -82,11 +90,11 @@ def made(tmp_path_factory):
     asked, _ = plaza(project.folder / "recordings/noon.ndjson", 2)
     wanted = [f"paper_figures/plaza/{name}.csv" for name in TABLES + FIGURES]
     project.snakemake("--cores", 2, "--configfile", "plaza.yaml", "--", *wanted)
-    return project.folder, asked, training
+    return project, asked, training
 
 
 def of_results(made, name):
-    return pd.read_parquet(made[0] / f"results/plaza/plaza/{name}.parquet")
+    return pd.read_parquet(made[0].folder / f"results/plaza/plaza/{name}.parquet")
 
 
 def keys(table):
@@ -123,20 +131,20 @@ def test_errors_are_distances_from_the_rows_of_the_scene(made):
 
 
 def test_everyone_trains_and_the_account_tells_of_scenes(made):
-    folder, asked, training = made
+    project, asked, training = made
     assert len(of_results(made, "tracks/morning")) == training
-    account = json.loads((folder / "results/plaza/plaza/tracks/noon.account.json").read_text())
+    account = json.loads((project.folder / "results/plaza/plaza/tracks/noon.account.json").read_text())
     assert "scenes" not in account
     assert account["notes"]["scenes"] > account["notes"]["scenes_of_others"] + len(asked) > len(asked)
 
 
 def test_clusters_are_persons_whose_pieces_are_together(made):
-    folder, asked, _ = made
+    project, asked, _ = made
     whose = {id_of(f"p{n}", piece): n for n in range(60) for piece in (1, 2)}
     ids = {one for one, _ in asked}
     persons = {whose[one] for one in ids}
     assert len(persons) < len(ids) < len(asked) / 2
-    tests = pd.read_csv(folder / "paper_figures/plaza/tab_ttests.csv")
+    tests = pd.read_csv(project.folder / "paper_figures/plaza/tab_ttests.csv")
     tests = tests[(tests["protocol"] == "complete") & (tests["metric"] == "ADE")]
     first = tests[tests["horizon_s"] == tests["horizon_s"].min()]
     steps = round(first["horizon_s"].iloc[0] / 0.4)
@@ -146,11 +154,11 @@ def test_clusters_are_persons_whose_pieces_are_together(made):
 
 
 def test_tables_and_studies_count_scenes(made):
-    folder, asked, _ = made
-    results = pd.read_csv(folder / "paper_figures/plaza/results.csv")
+    project, asked, _ = made
+    results = pd.read_csv(project.folder / "paper_figures/plaza/results.csv")
     shown = results[(results["method"] == "snippets") & (results["protocol"] == "complete")].set_index("horizon_s")["n"]
     assert shown.round().tolist() == [sum(length >= step for length in asked.values()) for step in range(1, 13)]
-    text = (folder / "paper_figures/plaza/tab_expres.md").read_text()
+    text = (project.folder / "paper_figures/plaza/tab_expres.md").read_text()
     assert "Plaza: a forecast of each scene of its files, where they have scenes, and n counts these" in text
     read = of_results(made, "readings/cliff")
     assert set(read.loc[read["idle"] == "kept", "eligible"]) == {sum(length == 12 for length in asked.values())}
@@ -161,11 +169,24 @@ def test_tables_and_studies_count_scenes(made):
     pd.testing.assert_frame_equal(study, main[study.columns])
 
 
+def test_forecasts_from_outside_are_of_the_scenes(made):
+    """Our own, exported and handed in as a method of the run, have their own errors."""
+    project, asked, _ = made
+    recordings, ours = project.folder / "recordings", project.folder / "results/plaza/plaza/forecasts/snippets"
+    export_task(project.folder / "config/datasets/plaza.yaml", recordings / "handed", recordings, forecasts=ours)
+    (project.folder / "handed.yaml").write_text(HANDED)
+    wanted = "results/plaza/plaza/errors/handed.parquet"
+    project.snakemake("--cores", 1, "--configfile", "plaza.yaml", "handed.yaml", "--", wanted)
+    theirs, ours = (of_results(made, f"errors/{name}").drop(columns="output") for name in ("handed", "snippets"))
+    assert sorted(set(keys(theirs))) == sorted(asked)
+    pd.testing.assert_frame_equal(theirs, ours[theirs.columns], check_exact=True)
+
+
 @pytest.mark.parametrize("name", ["prediction_example", "density"])
 def test_figures_show_a_scene(made, name):
     """The example person's first one, which does not begin where her track does."""
-    folder, asked, _ = made
-    table = pd.read_csv(folder / f"paper_figures/plaza/{name}.csv")
+    project, asked, _ = made
+    table = pd.read_csv(project.folder / f"paper_figures/plaza/{name}.csv")
     errors = of_results(made, "errors/cliff")
     whose = int(errors.loc[errors["owner_id"] == table["track_id"].iloc[0], "track_id"].iloc[0])
     track = of_results(made, "tracks/noon").query(f"track_id == {whose}")

@@ -12,6 +12,7 @@ from modlhmp.storage import DataError
 from modlhmp.tracks import shown_s
 
 FORMS = (".csv", ".parquet", ".ndjson")
+HERE = {"by": "--map", "history": "--tracks", "horizon_s": "--horizon", "seed": "--seed", "key": "", "site": ""}
 
 
 @app.command()
@@ -66,7 +67,7 @@ def forecast(
     _check_ids(owners, seen, tracks, out)
     if recorded and of_map is None and site.velocity == "differences":
         _tell_of_speeds(by, tracks)
-    futures = modlhmp.forecast(source, seen, horizon, seed, site=site, **named_values(options))
+    futures = modlhmp.forecast(source, seen, horizon, seed, site=site, **named_values(options, HERE))
     _tell_of_unknown(futures, tracks)
     _write(futures, owners, out, best)
     if plot:

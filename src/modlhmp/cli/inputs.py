@@ -5,7 +5,7 @@ import json
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,16 +30,21 @@ OF_FILES = {
 }
 
 
-def named_values(given: list[str] | None) -> dict[str, Any]:
+def named_values(given: list[str] | None, here: Mapping[str, str]) -> dict[str, Any]:
     """What `--set NAME=VALUE` gave, as {name: value}: a number, true, false, null or a word; x=-60,80 is a list.
 
-    Whether there is such an option, and its type, is checked where it is used.
+    `here` are arguments of the function that takes the values which are no options of a kind, and how this verb is told
+    of them (empty: not at all); they are refused. Whether there is such an option, and its type, is checked where it is
+    used.
     """
     found: dict[str, Any] = {}
     for one in given or []:
         name, mark, value = one.partition("=")
         if not mark or not name:
             raise typer.BadParameter(f"--set {one!r}: give NAME=VALUE, such as k=20")
+        if name in here:
+            told = f"here that is {here[name]}" if here[name] else "that is no option, `modlhmp kinds NAME` lists them"
+            raise DataError(f"--set {one}: {told}")
         try:
             found[name] = json.loads(f"[{value}]" if "," in value else value)
         except (ValueError, RecursionError):

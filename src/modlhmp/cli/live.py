@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from modlhmp.live import Live
 
 NO_ROW, INTERRUPTED = 3, 130  # of the status
-HERE = {"by": "--map", "horizon_s": "--horizon", "exits": "--exits FILE"}  # arguments that are options of their own
+HERE = {"by": "--map", "horizon_s": "--horizon", "exits": "--exits FILE", "key": "", "site": ""}
 LEAST_EVERY_S, MOST_EVERY_S = 0.01, 3600.0
 HELP = """Forecast people as they are seen: JSON lines in, JSON lines out.
 
@@ -133,12 +133,7 @@ def _forecaster(map_file: str, horizon_s: float | None, exits: Path | None, opti
     from modlhmp.live import Live  # noqa: PLC0415
     from modlhmp.updates import UpdatedMap, is_state  # noqa: PLC0415
 
-    given = named_values(options)
-    for name, value in given.items():
-        if name in HERE:
-            raise DataError(f"--set {name}={value}: here that is {HERE[name]}")
-        if name in {"key", "site"}:
-            raise DataError(f"--set {name}={value}: no option of a method")
+    given = named_values(options, HERE)
     ways_out = None if exits is None else load_map(exits)
     source = UpdatedMap.load(map_file) if is_state(map_file) else map_or_kind(map_file)
     return Live(source, horizon_s, **{"exits": ways_out, **given})

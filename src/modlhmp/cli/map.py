@@ -25,6 +25,8 @@ from modlhmp.site import Site
 from modlhmp.storage import DataError, write_text
 
 TABLES = (".csv", ".txt")  # endings of a table's text
+OF_BUILD = {"kind": "KIND", "tracks": "TRACKS", "site": "--timezone, or the dataset file"}
+OF_LOAD = {"path": "MAP", "form": "--form", "site": "--timezone", "origin_m": "`map convert --origin`"}
 maps = typer.Typer(
     help="Build, look at, draw, convert and compare maps of dynamics.\n\n"
     "MAP is a file, a folder of hours, or - for standard input, in any of the forms of docs/maps.md: "
@@ -78,7 +80,7 @@ def build(
         site = site_of_tracks(str(tracks), walked, timezone=timezone)
     else:
         raise DataError(f"{tracks}: describe it first: modlhmp inspect {tracks} > {tracks.stem}.yaml")
-    made = api.build_map(kind, walked, site, **named_values(options))
+    made = api.build_map(kind, walked, site, **named_values(options, OF_BUILD))
     made.save(out)
     _say(f"{out}: {_summary(made)}")
 
@@ -238,7 +240,7 @@ def compare(
 
 def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] | None, options: Any) -> api.Map:
     """The map at a path, or of standard input."""
-    how = named_values(options)
+    how = named_values(options, OF_LOAD)
     if path != STREAM:
         ours = exchange.is_parquet(path, form)
         return api.load_map(path, form, site=None if ours else site, origin_m=origin, **how)
@@ -246,7 +248,7 @@ def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] |
     found = form or recognise(source)
     if found == PARQUET:
         raise DataError("standard input: Parquet is not read from a stream: give the file")
-    kind, whole, hours = exchange.read_one(source, found, site, **how)
+    kind, whole, hours = exchange.read_one(source, found, site, how)
     return api.Map(kind, site, whole, hours)
 
 

@@ -18,6 +18,8 @@ from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks
 from modlhmp.updates import UpdatedMap
 
+HERE = {"kind": "--kind", "half_life_h": "--half-life", "site": "--timezone, or the dataset file"}
+
 
 @maps.command()
 def update(
@@ -66,7 +68,7 @@ def update(
     if len({name for name, _, _ in walked}) < len(walked):
         raise DataError("two recordings have the same name, by which their persons are known: rename a file")
     site = walked[0][2] if walked else Site(timezone=timezone)
-    kept = kept or UpdatedMap(kind or "cliff", site, **named_values(options))
+    kept = kept or UpdatedMap(kind or "cliff", site, **named_values(options, HERE))
     for day in remove_day or []:
         _say(f"{state}: {kept.remove(day=day)} rows of {day} removed")
     for other in merge or []:

@@ -22,7 +22,6 @@ LIMITS = ("x_min", "x_max", "y_min", "y_max")
 COMPONENT = ("P", "M/th", "M/r", "Cov/e_11", "Cov/e_12", "Cov/e_21", "Cov/e_22")
 MOST_DEEP = 30  # tags within tags; a map has 6
 MOST_TAGS = 1_000_000  # in all, of about 60,000 locations; more would fill memory
-EDGE = 1e-6  # of a step
 
 
 def parse(source: Source) -> Element:

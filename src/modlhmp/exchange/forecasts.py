@@ -23,7 +23,7 @@ from modlhmp.exchange.columns import line_of, read_columns
 from modlhmp.exchange.tracks import numbers_of
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.median import weighted_median, with_median
-from modlhmp.forecasting.ranking import rank_order
+from modlhmp.forecasting.ranking import best_first
 from modlhmp.forecasting.recording import TRACKS_AT_ONCE
 from modlhmp.storage import DataError, column
 from modlhmp.tracks import runs
@@ -268,16 +268,11 @@ def long_table(
     `owners` are texts to write for ids. What a future gives once it has stopped is left out, and with it futures that
     never began. Modes have probabilities; others are alike, so the fitness of ranked ones is in their order only.
     """
-    n, k, steps, _ = forecast.xy.shape
-    order = np.broadcast_to(np.arange(k), (n, k))
-    if forecast.output in {"ranked", "medoid", "modes", "likeliest"}:
-        of = (Forecast(*(part[row] for part in forecast[:3]), forecast.output) for row in range(n))  # type: ignore[call-arg]
-        order = np.array([rank_order(one, steps) for one in of], np.int64).reshape(n, k)
-    alive = np.take_along_axis(forecast.steps_alive, order, axis=1)
-    lived = alive.ravel()
+    forecast = best_first(forecast)
+    n, k, _, _ = forecast.xy.shape
+    lived = forecast.steps_alive.ravel()
     walker, sample = np.repeat(np.repeat(np.arange(n), k), lived), np.repeat(np.tile(np.arange(k), n), lived)
     step = runs(np.zeros(n * k, np.int64), lived)
-    future = order[walker, sample]
     ids: pa.Array = pa.array(np.asarray(track_id)[walker])
     if owners:
         ids = pa.array([owners.get(one, str(one)) for one in track_id.tolist()], pa.string()).take(pa.array(walker))
@@ -287,8 +282,8 @@ def long_table(
     if forecast.output in {"modes", "likeliest"}:
         shares = np.exp(forecast.log_fitness[..., -1].astype(float)) * (forecast.steps_alive > 0)
         total = shares.sum(axis=1, keepdims=True)
-        columns["probability"] = (shares / np.where(total > 0, total, 1.0))[walker, future]
-    xy = forecast.xy[walker, future, step]
+        columns["probability"] = (shares / np.where(total > 0, total, 1.0))[walker, sample]
+    xy = forecast.xy[walker, sample, step]
     return pa.table({**columns, "step": step + 1, "x": xy[:, 0], "y": xy[:, 1]})
 
 

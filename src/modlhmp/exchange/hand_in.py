@@ -212,7 +212,8 @@ def write_hand_in(
         write_columns([pa.concat_tables(tables).sort_by("track_id")], file)
     for suffix in set(FORMS) - {file.suffix}:  # which would pass for forecasts of this task, by the sheet
         file.with_suffix(suffix).unlink(missing_ok=True)
-    sheet = {"task": task.about["task"], **({"path": "likeliest"} if most > 1 else {})}
+    path = "mean" if any(one.output == "mean" for _, one in blocks) else "likeliest"  # of futures of equal standing
+    sheet = {"task": task.about["task"], **({"path": path} if most > 1 else {})}
     write_text(file.with_suffix(".json"), json.dumps(sheet, indent=1) + "\n")
     return [file, file.with_suffix(".json")]
 

@@ -94,15 +94,15 @@ def read_tables(
     the table's metadata. `DataError` names the file, the row, the value and the remedy.
     """
     with boundary(path, "cannot be read as a map"):
-        return _read_tables(path, form, site or Site(), origin_m, **how)
+        return _read_tables(path, form, site or Site(), origin_m, how)
 
 
-def _read_tables(path: str | Path, form: str | None, site: Site, origin_m: Any, **how: Any) -> Tables:
+def _read_tables(path: str | Path, form: str | None, site: Site, origin_m: Any, how: Mapping[str, Any]) -> Tables:
     files = hour_sources(path)
     origin = origin_of(origin_m)
     if not files:
         source = read_source(path, origin)
-        return read_one(source, form or recognise(source), site, **how)
+        return read_one(source, form or recognise(source), site, how)
     sources = {hour: read_source(file, origin) for hour, file in files.items()}
     names = {hour: form or recognise(source) for hour, source in sources.items()}
     if PARQUET in names.values():
@@ -120,11 +120,11 @@ def _read_tables(path: str | Path, form: str | None, site: Site, origin_m: Any, 
     return kind, whole, {hour: tables[hour] for hour in sorted(tables)}  # type: ignore[type-var, misc]
 
 
-def read_one(source: Source, form: str, site: Site, **how: Any) -> Tables:
+def read_one(source: Source, form: str, site: Site, how: Mapping[str, Any]) -> Tables:
     """The same of one file's content."""
     record = find_form(form)
     if record.read is None:
-        details: Any = check(record.reading, how, f"{source.name}, form {form}")
+        details: Any = check(record.reading, dict(how), f"{source.name}, form {form}")
         whole, hours, repaired = stef_forms.read_histograms(source, details, site)
         return "stef", _told(whole, source, record, repaired), hours
     table = _table(record, source, how)

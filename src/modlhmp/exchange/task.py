@@ -21,6 +21,7 @@ from modlhmp.exchange.trajnet import scene_line, track_lines, tracks_as_lines, w
 from modlhmp.forecasting.neighbours import find_neighbours
 from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.forecasting.windows import windows
+from modlhmp.scenes import Scenes
 from modlhmp.settings import as_plain
 from modlhmp.site import Site
 from modlhmp.storage import VERSION, DataError, write_text
@@ -42,9 +43,7 @@ NEIGHBOUR_LEAK = (
     "neighbours.{form}: a neighbour's rows are part of what another task asks for, or of what it observes: whoever "
     "matches positions learns futures and which tasks are of one moment. Say so where results made with it are shown."
 )
-LATER_LEAK = (
-    "A person is forecast every {every:g} s: what a later task of somebody observes is the future of an earlier one."
-)
+LATER_LEAK = "A person is forecast {when}: what a later task of somebody observes is the future of an earlier one."
 
 
 class Task(NamedTuple):
@@ -65,12 +64,18 @@ class Task(NamedTuple):
         return np.column_stack([self.observed.x[:, -1], self.observed.y[:, -1]])
 
 
-def make_task(recordings: Iterable[tuple[str, Tracks, Sequence[Tracks] | None]], site: Site, dataset: str) -> Task:
-    """The task of the recordings of a split: (name, tracks, None or the tracks of that day's others, as neighbours)."""
+def make_task(
+    recordings: Iterable[tuple[str, Tracks, Scenes | None, Sequence[Tracks] | None]], site: Site, dataset: str
+) -> Task:
+    """The task of the recordings of a split: (name, tracks, scenes if it has some, neighbours).
+
+    Neighbours: None, or the tracks of that day's other recordings.
+    """
     salt = json.dumps([dataset, float(site.time_step_s), site.observed_rows, float(site.horizon_s)]).encode()
-    names, parts, digests, whose = [], [], [], {}
-    for name, tracks, others in recordings:
-        wanted = windows(tracks, site)
+    names, parts, digests, whose, by_scenes = [], [], [], {}, False
+    for name, tracks, scenes, others in recordings:
+        wanted = windows(tracks, site, scenes)
+        by_scenes |= scenes is not None and site.forecast_every_s is None
         first = wanted.row - site.observed_rows + 1
         seen = observe(tracks, first[:, None], site.observed_rows)
         if site.velocity != "as_recorded":  # what was derived from positions tells nothing more
@@ -85,7 +90,9 @@ def make_task(recordings: Iterable[tuple[str, Tracks, Sequence[Tracks] | None]],
         parts.append(seen._replace(t=seen.t - wanted.t0[:, None]))
         names.append(name)
     if not digests:
-        raise DataError(f"{dataset}: no track has {site.observed_rows + 1} rows without a gap, so there is no task")
+        raise DataError(
+            f"{dataset}: no track (or scene) has {site.observed_rows + 1} rows without a gap, so there is no task"
+        )
     order = np.argsort(np.array(digests), kind="stable")
     number = np.empty(len(order), np.int64)
     number[order] = np.arange(len(order))
@@ -101,6 +108,7 @@ def make_task(recordings: Iterable[tuple[str, Tracks, Sequence[Tracks] | None]],
         "horizon_s": site.horizon_s,
         "steps": site.steps,
         "forecast_every_s": site.forecast_every_s,
+        "forecast_scenes": by_scenes,
     }
     return Task(about, dict(zip(names, np.split(number, cuts), strict=True)), whose, observed)
 
@@ -149,7 +157,9 @@ def write_task(
             write_columns([tracks_table(tracks)], files[-1])
     leaks = [NEIGHBOUR_LEAK.format(form=form)] if with_neighbours else []
     if task.about["forecast_every_s"] is not None:
-        leaks.append(LATER_LEAK.format(every=task.about["forecast_every_s"]))
+        leaks.append(LATER_LEAK.format(when=f"every {task.about['forecast_every_s']:g} s"))
+    if task.about["forecast_scenes"]:
+        leaks.append(LATER_LEAK.format(when="in every scene of the recording"))
     about = {VERSION: __version__, **task.about, "neighbours": with_neighbours, "columns": COLUMNS, "leaks": leaks}
     files.append(folder / "task.json")
     if files[-1].exists():

@@ -19,6 +19,7 @@ import numpy as np
 
 from modlhmp.exchange.forecasts import Rows
 from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.ranking import best_first
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError, write_text
 from modlhmp.tracks import Tracks
@@ -60,8 +61,10 @@ def predictions_as_lines(
 ) -> Iterator[str]:
     """Futures of n walkers, each the primary `person` [n] of a `scene` [n] whose frame at t0 is `at_t0` [n].
 
-    What a future gives once it has stopped is left out. Numbers are those of float32.
+    Ranked ones are numbered in the order of their ranks at the longest horizon. What a future gives once it has stopped
+    is left out. Numbers are those of float32.
     """
+    forecast = best_first(forecast)
     steps = forecast.xy.shape[2]
     for row, (number, whose, frame) in enumerate(zip(scene.tolist(), person.tolist(), at_t0.tolist(), strict=True)):
         yield scene_line(number, whose, frame - observed_rows + 1, frame + steps, step_s)

@@ -11,6 +11,8 @@ import numpy as np
 
 from modlhmp.forecasting.base import Forecast
 
+RANKED = ("ranked", "medoid", "modes", "likeliest")  # outputs whose futures differ in standing, by their fitness
+
 
 def longest_lived(steps_alive: np.ndarray, steps: int) -> np.ndarray:
     """Which of the futures [n, k] have lived longest at each of `steps` horizons, bool [n, k, T]."""
@@ -24,7 +26,8 @@ def most_likely(log_fitness: np.ndarray, candidates: np.ndarray) -> np.ndarray:
     `log_fitness` [n, k, T] is cumulative, so each horizon ranks by its own prefix; `candidates` [n, k, T] says which
     futures may be chosen. Ties go to the first.
     """
-    score = np.where(candidates, log_fitness, -np.inf)
+    # A future of probability 0 has -inf, and is still a candidate before those that are none.
+    score = np.where(candidates, np.maximum(log_fitness, np.finfo(log_fitness.dtype).min), -np.inf)
     return np.where(candidates.any(axis=1), score.argmax(axis=1), -1)
 
 
@@ -39,11 +42,22 @@ def best_path(forecast: Forecast) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rank_order(forecast: Forecast, steps: int) -> np.ndarray:
-    """Indices [k] of the futures of one track, best ranked first, at the horizon of `steps` steps.
+    """Indices [n, k] of the futures of every track, best ranked first, at the horizon of `steps` steps.
 
-    `forecast` is without the axis of tracks: `log_fitness` [k, T], `steps_alive` [k].
+    A `forecast` without the axis of tracks, `log_fitness` [k, T] and `steps_alive` [k], has indices [k].
     """
-    return np.lexsort((-forecast.log_fitness[:, steps - 1], -_lived(forecast.steps_alive, steps)))
+    return np.lexsort((-forecast.log_fitness[..., steps - 1], -_lived(forecast.steps_alive, steps)))
+
+
+def best_first(forecast: Forecast) -> Forecast:
+    """The futures in the order of their ranks at the longest horizon; as they are where they have none."""
+    if forecast.output not in RANKED:
+        return forecast
+    order = rank_order(forecast, forecast.xy.shape[2])
+    xy, log_fitness, alive = (
+        np.take_along_axis(part, order.reshape(order.shape + (1,) * (part.ndim - 2)), axis=1) for part in forecast[:3]
+    )
+    return Forecast(xy, log_fitness, alive, forecast.output)
 
 
 def _lived(steps_alive: np.ndarray, horizon: int | np.ndarray) -> np.ndarray:

@@ -21,6 +21,7 @@ from modlhmp.inspection.picture import draw, some_tracks, text_map
 from modlhmp.logs import progress
 from modlhmp.plausibility import Finding
 from modlhmp.readers import read_recording
+from modlhmp.scenes import scenes_of
 from modlhmp.scoring.errors import truth_of
 from modlhmp.scoring.horizons import scored_horizons
 from modlhmp.site import MOST_STEP_S
@@ -213,7 +214,8 @@ def _of_dataset(dataset: Dataset, looked: list[Facts]) -> list[tuple[str, str]]:
     raw = sum({one.recording.stored: one.megabytes for one in looked}.values())
     seconds = _BASE_S + _PER_MB_S * raw + _PER_TRACK_S / 1000 * tracks["test"] * dataset.horizon_s
     days = {one.recording.day or one.recording.path for one in looked}
-    ahead = [windows(one, dataset) for one in parts[1]]
+    tested = [one for one in looked if one.recording.split == "test"]
+    ahead = [windows(one.clean, dataset, scenes_of(one.account)) for one in tested]
     lengths = [truth_of(one, found, dataset)[1] for one, found in zip(parts[1], ahead, strict=True)]
     steps = np.concatenate([*lengths, np.empty(0, int)])
     by_horizon = {h: int((steps >= round(h / dataset.time_step_s)).sum()) for h in scored_horizons(None, dataset)}

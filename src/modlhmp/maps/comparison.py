@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.angles import TWO_PI
-from modlhmp.kinds import find
+from modlhmp.kinds import all_kinds, find
 from modlhmp.storage import DataError, column
 
 DIRECTIONS = 8  # of 45 degrees, the first centred on east
@@ -28,19 +28,21 @@ class Flows(NamedTuple):
     step: float
 
 
+def check_flows(what: str, kind: str) -> None:
+    """`DataError` about `what` was asked of a kind of map that does not say of places which ways people go there."""
+    if not find(kind).has_flows:
+        known = ", ".join(one.name for one in all_kinds().values() if one.has_flows)
+        raise DataError(f"{what}: a map of kind {kind} holds no flows of places; kinds that do: {known}")
+
+
 def flows(kind: str, table: pa.Table) -> Flows:
     """The places of a map of one time: a CLiFF-map, or orientation probabilities of a STeF-map (`stef.evaluate`).
 
     `DataError` for a kind of map that does not say so of places.
     """
-    form = find(kind).tables
-    if form not in {"cliff", "tc_cliff", "stef"}:
-        raise DataError(
-            f"a map of kind {kind} holds walks, not flows of places; kinds with flows: cliff, tc_cliff, stef, "
-            "neural_velocity"
-        )
+    check_flows("compare", kind)
     step = float(table.schema.metadata[b"resolution"])
-    if form == "stef":
+    if find(kind).tables == "stef":
         found = column(table, "probabilities").reshape(table.num_rows, -1)
         alive = found.any(axis=1)
         centres = np.arange(found.shape[1]) * TWO_PI / found.shape[1]

@@ -5,7 +5,7 @@ samples: C. Ferro, Q. J. R. Meteorol. Soc. 140, 2014. Brier-weighted error: B. W
 Datasets and Benchmarks, 2021. KDE-NLL: B. Ivanovic, M. Pavone, The Trajectron, ICCV 2019.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.ranking import longest_lived, most_likely
-from modlhmp.forecasting.windows import in_order, windows
+from modlhmp.forecasting.windows import Windows, in_order, windows
 from modlhmp.kernels import kernel
 from modlhmp.scenes import Scenes
 from modlhmp.scoring.errors import displacement_errors, nan_mean, truth_of
@@ -49,22 +49,31 @@ def score_samples(
     `OF_MODES` what `mode_errors` says, NaN for a method of another output, `mean_ade_m` and `mean_fde_m` the mean ADE
     and FDE of the distribution's samples, `expected_m` and `real_m` the distance of the method's own output from its
     samples and from the truth [m]; `samples` how many the distribution has. `left` is the probability that the person
-    has left by then, `has_left` (0 or 1) whether they had; these two are known for every track.
+    has left by then, `has_left` (0 or 1) whether they had; these two are known for every track. Empty without a
+    usable track (or scene).
     """
     wanted, tables = windows(tracks, site, scenes), []
     steps = np.rint(np.asarray(horizons_s) / site.time_step_s).astype(int)
     truth, length = truth_of(tracks, wanted, site)
     for seed, mine, forecast in in_order(forecasts, wanted, recording):
-        n = len(mine)
         values = measures(forecast, truth[mine], length[mine], k, steps)
-        of = {"recording": pa.array(np.full(n, recording)).dictionary_encode(), "track_id": wanted.track_id[mine]}
-        if wanted.several:
-            of["t0"] = wanted.t0[mine]
-        lists = {
-            name: pa.FixedSizeListArray.from_arrays(pa.array(one.ravel()), len(steps)) for name, one in values.items()
-        }
-        tables.append(pa.table({**of, "seed": np.full(n, seed, np.int32), **lists}))
+        tables.append(_table(recording, wanted, mine, seed, values))
+    if not tables:
+        nothing = dict.fromkeys(MEASURES, np.empty((0, len(steps)), np.float32))
+        tables = [_table(recording, wanted, np.empty(0, np.int64), 0, nothing)]
     return pa.concat_tables(tables).unify_dictionaries()
+
+
+def _table(recording: str, wanted: Windows, mine: np.ndarray, seed: int, values: Mapping[str, np.ndarray]) -> pa.Table:
+    """Rows of `score_samples` for the forecasts `mine` of one seed; `values` are [n, H]."""
+    n = len(mine)
+    of = {"recording": pa.array(np.full(n, recording)).dictionary_encode(), "track_id": wanted.track_id[mine]}
+    if wanted.several:
+        of["t0"] = wanted.t0[mine]
+    lists = {
+        name: pa.FixedSizeListArray.from_arrays(pa.array(one.ravel()), one.shape[1]) for name, one in values.items()
+    }
+    return pa.table({**of, "seed": np.full(n, seed, np.int32), **lists})
 
 
 def measures(

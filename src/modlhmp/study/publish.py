@@ -62,13 +62,7 @@ TABLES = (
     "ladder-atc",
     "ladder-edin",
 )
-# A decimal in prose that is no constant of the study has to come from the numbers.
-_DECIMAL = re.compile(r"(?<![\w.`/-])[+-]?\d+\.\d+(?![\w`/])")
-_MADE = re.compile(
-    r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}|```.*?```|`[^`\n]*`|\]\([^)]*\)|^    .*?$", re.DOTALL | re.MULTILINE
-)
 _LIST = re.compile(r"\[[^\[\]{}]*\]")
-_CONSTANTS = re.compile(r"\{#\s*constants:(.*?)#\}", re.DOTALL)
 
 
 def command(run: str) -> str:
@@ -229,12 +223,6 @@ class _Asked:
             raise DataError(f"table {name} of run {run!r} has no row with {where}")
         lines = [wanted, ["---"] * len(wanted), *([row[column] for column in wanted] for row in chosen)]
         return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def unmade(template: str) -> list[str]:
-    """Decimals in a template's prose that no run makes: all but those of its comment `{# constants: 0.3 0.05 #}`."""
-    constants = {word for text in _CONSTANTS.findall(template) for word in text.split()}
-    return [found for found in _DECIMAL.findall(_MADE.sub(" ", template)) if found.lstrip("+-") not in constants]
 
 
 def templates() -> dict[Path, str]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any, Literal
 
 from modlhmp.datasets import Dataset
@@ -79,7 +78,3 @@ class Exhibit:
     def suffixes(self) -> tuple[str, ...]:
         """Suffixes of its files; the last one's file is shown in the report."""
         return {"table": TABLE_FORMS, "figure": FIGURE_FORMS, "page": PAGE_FORMS}[self.form]
-
-    def drawn_by(self) -> Callable[..., None]:
-        """The function that draws it."""
-        return getattr(import_module(self.module), self.function)

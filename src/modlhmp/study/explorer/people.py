@@ -100,10 +100,6 @@ def _futures(files: Iterable[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
     forecast = Forecast(xy, log_fitness, lives, output).first(RESULTS.get(output, 0) + MOST_FUTURES)
     _, k, steps, _ = forecast.xy.shape
     results = forecast.results
-    order = [
-        rank_order(Forecast(path, fitness, ends, output), steps)
-        for path, fitness, ends in zip(forecast.xy, forecast.log_fitness, forecast.steps_alive, strict=True)
-    ]
     mode, chance = _modes(forecast)
     return {
         "output": output,
@@ -112,7 +108,7 @@ def _futures(files: Iterable[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
         "steps": steps,
         "xy": Digits(forecast.xy.swapaxes(2, 3), PLACE_M, steps),
         "lives": forecast.steps_alive,
-        "order": np.array(order),
+        "order": rank_order(forecast, steps),
         "best": most_likely(results.log_fitness, longest_lived(results.steps_alive, steps)),
         "modes": mode.shape[1],
         "mode": mode,
