@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from modlhmp.kinds import find
 from modlhmp.logs import progress
-from modlhmp.maps.base import DAY, hour_files
+from modlhmp.maps.base import day_file, hour_files
 from modlhmp.maps.density import Density, NoMap, Source, load
 from modlhmp.maps.histogram import PLAIN, Bins, Counts, Level, histogram
 from modlhmp.methods import build_map
@@ -225,8 +225,7 @@ def _files(one: Mapped) -> tuple[Source | None, Mapping[int, Source]]:
     """The files of a map: that of the whole day, if there is one, and {hour: file}."""
     if not find(one.kind).hourly:
         return one.path, {}
-    day = Path(one.path, DAY)
-    return day if day.exists() else None, hour_files(one.path)
+    return day_file(one.path), hour_files(one.path)
 
 
 def _ask(asked: Mapping[str, Asked], no_map: NoMap, rows: Tracks) -> dict[str, Answers]:
