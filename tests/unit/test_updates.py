@@ -1,5 +1,6 @@
 """Maps that are updated: what equals what to the bit, what each is written out as, and what is refused."""
 
+import dataclasses
 import itertools
 import json
 
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 import modlhmp
 from modlhmp.cli import app
 from modlhmp.contract import SITE, crowd
+from modlhmp.kinds import find
 from modlhmp.maps import cliff, swgmm
 from modlhmp.maps.updated import cells
 from modlhmp.maps.updated.counted import packed, unpacked
@@ -134,6 +136,23 @@ def test_stef_equals_what_is_built_at_once():
     for one, other in ((built.whole, ours.whole), *((built.hours[hour], ours.hours[hour]) for hour in built.hours)):
         for name in one.column_names:
             np.testing.assert_allclose(column(other, name), column(one, name), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("hours", [None, (7, 8), (8, 10), (22, 9), (9, 12)])
+@pytest.mark.parametrize("kind", [name for name in KINDS if find(name).hourly])
+def test_it_has_the_hours_of_what_is_built_at_once(kind, hours):
+    """Those that the site lists, and no others; of rows of which some lie outside these, too."""
+    site = dataclasses.replace(SITE, hours=hours)
+    built, told = modlhmp.build_map(kind, MONDAY, site), UpdatedMap(kind, site)
+    for batch in in_pieces(MONDAY, 2):
+        told.add(batch, "hall")
+        told.written()
+    ours = told.written()
+    assert list(ours.hours) == list(built.hours)
+    for one, other in ((built.whole, ours.whole), *((built.hours[hour], ours.hours[hour]) for hour in built.hours)):
+        assert {*zip(column(one, "x"), column(one, "y"), strict=True)} == {
+            *zip(column(other, "x"), column(other, "y"), strict=True)
+        }
 
 
 def test_stef_needs_no_interval_that_divides_an_hour():
