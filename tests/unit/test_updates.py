@@ -12,6 +12,7 @@ import modlhmp
 from modlhmp.cli import app
 from modlhmp.contract import SITE, crowd
 from modlhmp.kinds import find
+from modlhmp.live_map import Learner
 from modlhmp.maps import cliff, swgmm
 from modlhmp.maps.updated import cells
 from modlhmp.maps.updated.counted import packed, unpacked
@@ -422,7 +423,6 @@ def test_live_keeps_its_map_up_to_date(every_s):
     for t, who, x, y in streamed(MONDAY, every_s):
         live.see(float(t), int(who), float(x), float(y))
     live.pass_time(MONDAY.t.max() + 3600.0)
-    assert len(kept._state.rows.t) == len(on_day(-1).t)
     live.forecast()
     rows = kept._state.rows.take(kept._state.rows.t >= MONDAY.t.min())
     assert len(rows.t) == len(MONDAY.t)
@@ -430,6 +430,56 @@ def test_live_keeps_its_map_up_to_date(every_s):
     live.see(MONDAY.t.max() + 7300.0, "nobody else", 0.0, 0.0)
     live.forecast()  # an hour without anybody
     assert live._predictor.ask is not None
+
+
+def frames(tracks, hours=3):
+    """[(t, rows)] of people who come again every hour as others."""
+    seen = {}
+    for hour in range(hours):
+        for t, who, x, y in streamed(tracks):
+            seen.setdefault(t + 3600.0 * hour, []).append((t + 3600.0 * hour, int(who) + 1000 * hour, x, y))
+    return sorted(seen.items())
+
+
+@pytest.mark.parametrize("kind", ["cliff", "episodes"])
+def test_what_live_learns_does_not_depend_on_who_asks_for_forecasts(kind):
+    """After every frame the map is what it is where each is forecast: learned before the first forecast of an hour."""
+    kept, asked = [made(kind, on_day(-1)) for _ in range(4)], (1, 7, 400)
+    lives, plain = [modlhmp.Live(one, 3.0) for one in kept[:3]], Learner(kept[3])
+    learned_at = []
+    for number, (now, rows) in enumerate(frames(MONDAY)):
+        for live in lives:
+            for row in rows:
+                live.see(*row)
+        for row in rows:
+            plain.see(*row)
+        if plain.due(now) and plain.learn(now).changed:
+            learned_at.append(now)
+        paths = [live.forecast().paths for live, each in zip(lives, asked, strict=True) if number % each == 0]
+        assert all(np.array_equal(paths[0], one) for one in paths[1:])
+        assert kept[0]._state.state().equals(kept[3]._state.state())
+    assert len(learned_at) >= 3 and len(asked) == 3
+    states = [live.updated()._state.state() for live in lives]
+    assert all(one.equals(states[0]) for one in states[1:])
+
+
+def test_what_waits_to_be_learned_is_an_hour_s():
+    live = modlhmp.Live(made("episodes", on_day(-1)), 3.0)
+    most = [0, 0]
+    for number in range(6 * 3600):
+        t = MONDAY.t.max() + number
+        live.see(t, number // 60, number % 60, 0.0)
+        if number == 5 * 3600:
+            live.updated()
+        most = [max(one, len(of)) for one, of in zip(most, (live._learner._ids, live._learner._last), strict=True)]
+    assert most[0] <= 3601 and most[1] <= 3
+    before = live._predictor
+    live.forecast()
+    assert live._predictor is not before
+    waiting = len(live._learner._ids)
+    for number in range(20):  # the clock is set back: what waits is learned, and nobody of before goes on
+        live.see(MONDAY.t.max() - 7200.0 + number, 359, 0.0, 0.0)
+    assert waiting and len(live._learner._ids) <= 20 and len(live._learner._last) == 1
 
 
 def test_live_forecasts_with_what_it_has_learned():
