@@ -16,7 +16,7 @@ from modlhmp.scoring.errors import ground_truth, left_out
 from modlhmp.settings import as_plain, check
 from modlhmp.site import MOST_STEP_S, Site, check_site
 from modlhmp.storage import DataError
-from modlhmp.tracks import MAX_GAP_S, Tracks, usable_tracks, usual_step
+from modlhmp.tracks import Tracks, gap_limit, usable_tracks, usual_step
 
 LATEST_S = 1e11  # of a time in unix s: the year 5138; one in ms is beyond
 FASTEST_M_S = 100.0  # a recorded speed beyond is in another unit
@@ -186,9 +186,10 @@ def last_rows(history: Tracks | np.ndarray, site: Site, recorded: bool = False) 
         )
     rows = bounds[1:, None] - np.arange(seen, 0, -1)
     whose, last = tracks.track_id[rows[:, 0]], f"the last {seen} rows"
-    gap = np.diff(tracks.t[rows], axis=1).max(axis=1) > MAX_GAP_S
+    gap_s = gap_limit(site.time_step_s)
+    gap = np.diff(tracks.t[rows], axis=1).max(axis=1) > gap_s
     if gap.any():
-        raise DataError(f"history: walker {whose[gap][0]} has a gap of more than {MAX_GAP_S:g} s in {last}")
+        raise DataError(f"history: walker {whose[gap][0]} has a gap of more than {gap_s:g} s in {last}")
     nowhere = ~(np.isfinite(tracks.x[rows]) & np.isfinite(tracks.y[rows])).all(axis=1)
     if nowhere.any():
         raise DataError(f"history: walker {whose[nowhere][0]}: a position in {last} is not a number")
@@ -252,7 +253,7 @@ def truth_of(futures: Futures, truth: Tracks, site: Site, steps: int) -> tuple[n
     if missing := [int(track) for track in futures.track_id if int(track) not in of]:
         raise DataError(f"truth: walker {missing[0]} of the futures has no track in it")
     rows = np.array([of[int(track)] for track in futures.track_id])
-    usable = {int(truth.track_id[first]) for first, _ in usable_tracks(truth, 1)}
+    usable = {int(truth.track_id[first]) for first, _ in usable_tracks(truth, 1, gap_limit(site.time_step_s))}
     xy, length = np.full((len(rows), steps, 2), np.nan), np.zeros(len(rows), np.int64)
     for number, (first, last) in enumerate(rows):
         at = first + int(np.searchsorted(truth.t[first : last + 1], futures.t0[number] - 1e-6))

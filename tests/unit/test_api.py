@@ -550,7 +550,7 @@ def test_a_homography_that_takes_places_to_a_line_is_refused(write):
 # --- the time step of tracks of which no site is given ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step_s", [0.04, 1 / 30, 0.4, 1.0, 2.5])
+@pytest.mark.parametrize("step_s", [0.04, 1 / 30, 0.4, 1.0, 2.5, 6.0])
 def test_the_time_step_is_that_of_the_tracks(step_s):
     """Whatever is built or forecast without a word of it; paths are those of a site that says it."""
     tracks = PEOPLE._replace(t=PEOPLE.t[0] + step_s * (PEOPLE.t - PEOPLE.t[0]), x=step_s * PEOPLE.x)
@@ -558,6 +558,7 @@ def test_the_time_step_is_that_of_the_tracks(step_s):
     assert a_map.site.time_step_s == pytest.approx(step_s, abs=1e-6)
     futures = modlhmp.forecast("cvm", seen(tracks), horizon_s=5 * a_map.site.time_step_s)
     assert futures.times_s[-1] == pytest.approx(5 * step_s, abs=1e-5) and futures.paths.shape[2] == 5
+    assert modlhmp.score(futures, tracks).n[-1] == len(futures.t0), "nobody's step is a gap"
     said = modlhmp.forecast("cvm", seen(tracks), 5 * a_map.site.time_step_s, site=a_map.site)
     np.testing.assert_array_equal(futures.paths, said.paths)
     assert modlhmp.forecast("cvm", seen(tracks)).times_s[-1] == pytest.approx(60, abs=step_s)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from modlhmp.tracks import LATE_STEPS, MAX_GAP_S, Tracks, positions_at, runs
+from modlhmp.tracks import LATE_STEPS, Tracks, gap_limit, positions_at, runs
 
 RADIUS_M = 6.0  # the corner of Social LSTM's grid is 5.7 m away, the other networks look 2 to 3 m far
 MOST = 5
@@ -41,7 +41,7 @@ def find_neighbours(everyone: Tracks, own_row: np.ndarray, observed_rows: int = 
     walker, row = walker[order], row[order]
     newest[:-1] = (walker[1:] != walker[:-1]) | (track_of[row[1:]] != track_of[row[:-1]])
     walker, row = walker[newest], row[newest]
-    velocity = _last_velocity(table, xy, row, first_row)
+    velocity = _last_velocity(table, xy, row, first_row, gap_limit(step_s))
     now = xy[row] + velocity * (t0[walker] - table.t[row])[:, None]
     distance = np.hypot(*(now - xy[own_row[walker]]).T)
     near = distance <= RADIUS_M
@@ -65,9 +65,9 @@ def find_neighbours(everyone: Tracks, own_row: np.ndarray, observed_rows: int = 
     return found
 
 
-def _last_velocity(table, xy, row, first_row):
+def _last_velocity(table, xy, row, first_row, gap_s):
     """Velocity [n, 2] in m/s between each row and the one before it; 0 for a track's first row and after a gap."""
     before = np.maximum(row - 1, 0)
     dt = table.t[row] - table.t[before]
-    known = (row > first_row[row]) & (dt > 0) & (dt <= MAX_GAP_S)
+    known = (row > first_row[row]) & (dt > 0) & (dt <= gap_s)
     return np.where(known[:, None], (xy[row] - xy[before]) / np.where(known, dt, 1.0)[:, None], 0.0)

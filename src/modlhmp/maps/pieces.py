@@ -50,7 +50,7 @@ class Metric(NamedTuple):
 
 
 def resample(tracks: Tracks, step_s: float) -> Pieces:
-    """`Pieces` of every track without a gap over 5 s, linear between its rows."""
+    """`Pieces` of every track without a gap over `gap_limit`, linear between its rows."""
     rows = usable_tracks(tracks, 1, gap_limit(step_s))
     count = np.floor((tracks.t[rows[:, 1]] - tracks.t[rows[:, 0]]) / step_s + 0.05).astype(np.int64) + 1
     person, age = np.repeat(np.arange(len(rows)), count), runs(np.zeros(len(rows), np.int64), count)

@@ -15,7 +15,7 @@ from modlhmp.scenes import Scenes
 from modlhmp.scoring.errors import truth_of
 from modlhmp.scoring.protocols import score
 from modlhmp.site import Site
-from modlhmp.tracks import MAX_GAP_S, Tracks
+from modlhmp.tracks import Tracks, gap_limit
 
 TOUCH_M = 0.2
 
@@ -37,7 +37,7 @@ def encounters(
     truth, length = truth_of(tracks, wanted, site)
     t0, own = wanted.t0, everyone.track_id[wanted.row]
     order = np.argsort(everyone.t, kind="stable")
-    others = (everyone.t[order], order, *everyone[:4], site.time_step_s)
+    others = (everyone.t[order], order, *everyone[:4], site.time_step_s, gap_limit(site.time_step_s))
     known = np.arange(1, site.steps + 1) <= length[:, None]
     own_meets = np.where(known, touches(truth[:, None], t0, own, *others)[:, 0], np.nan)
     by_seed: dict[int, list[np.ndarray]] = {}
@@ -52,11 +52,11 @@ def encounters(
 
 
 @kernel
-def touches(xy, t0, own, t_sorted, order, track_id, t, x, y, step_s):
+def touches(xy, t0, own, t_sorted, order, track_id, t, x, y, step_s, gap_s):
     """Whether futures `xy` [n, k, T, 2] of walkers `own` [n] have been `TOUCH_M` from somebody by each step, [n, k, T].
 
     `t0` [n] s; the rest are everyone's rows, `order` [m] those by time, `t_sorted` [m]. Others are interpolated between
-    two rows of a track that are at most `MAX_GAP_S` apart.
+    two rows of a track that are at most `gap_s` apart.
     """
     n, k, steps, _ = xy.shape
     met = np.zeros((n, k, steps), np.bool_)
@@ -66,12 +66,12 @@ def touches(xy, t0, own, t_sorted, order, track_id, t, x, y, step_s):
                 met[i, :, step] = met[i, :, step - 1]
             now = t0[i] + (step + 1) * step_s
             last = np.searchsorted(t_sorted, now, side="right")
-            for place in range(np.searchsorted(t_sorted, now - MAX_GAP_S), last):
+            for place in range(np.searchsorted(t_sorted, now - gap_s), last):
                 row = order[place]
                 after = row + 1
                 if track_id[row] == own[i] or after == len(t) or track_id[after] != track_id[row]:
                     continue
-                if t[after] <= now or t[after] - t[row] > MAX_GAP_S:
+                if t[after] <= now or t[after] - t[row] > gap_s:
                     continue
                 part = (now - t[row]) / (t[after] - t[row])
                 other_x, other_y = x[row] + part * (x[after] - x[row]), y[row] + part * (y[after] - y[row])
