@@ -146,7 +146,7 @@ class Live:
                 return "late"
             self.counts["clock_set_back"] += 1
             if self._learner:
-                self._learn()
+                self._learn(self._learner)
                 self._learner.forget(math.inf)
             self._people.clear()
             self.now = self._swept = -math.inf
@@ -161,11 +161,11 @@ class Live:
     def _learn_if_due(self):
         """Tell the map of what has been seen once an hour is over, whether anybody asks for forecasts or not."""
         if self._learner and self._learner.due(self.now):
-            self._learn()
+            self._learn(self._learner)
 
-    def _learn(self):
-        self._learner.learn(self.now)
-        self._wanted = self._learner.version
+    def _learn(self, learner):
+        learner.learn(self.now)
+        self._wanted = learner.version
 
     def _take(self, t, who, x, y):
         """Give a row to its person; returns why not, if not."""

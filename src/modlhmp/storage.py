@@ -318,7 +318,7 @@ def temporary_name(path: Path) -> Path:
 
 
 def _host() -> str:
-    """This host in a file's name: a digest, since names of hosts are long and have points."""
+    """The host in a file's name: a digest, since names of hosts are long and have points."""
     return "h" + hashlib.sha256(os.fsencode(os.uname().nodename)).hexdigest()[:8]
 
 

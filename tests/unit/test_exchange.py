@@ -203,7 +203,7 @@ def test_histograms_of_a_map_come_back(tmp_path):
 
 @pytest.mark.parametrize("form", [form.name for form in FORMS])
 def test_hours_come_back_whichever_they_are(maps, tmp_path, form):
-    """Every choice of hours, alone and with the whole day: apart from one another, at night, none that the site lists."""
+    """Every choice of hours, alone and with the whole day: apart, at night, none that the site lists."""
     (kind,) = {"tc_cliff", "stef"} & set(next(one for one in FORMS if one.name == form).kinds)
     of_hour, how = dict(zip((0, 9, 11, 23), 2 * list(maps[kind].hours.values()), strict=True)), {}
     if form == "histogram":

@@ -113,7 +113,9 @@ def test_what_a_killed_writer_left_is_removed_and_nothing_else(tmp_path):
     assert done.returncode == -9
     (left,) = path.parent.iterdir()
     elsewhere = left.name.replace(_host(), "h01234567")
-    others = [path.parent / name for name in ("cvm.parquet", "day.csv.part", ".part", ".a.part", ".a.0.part", elsewhere)]
+    others = [
+        path.parent / name for name in ("cvm.parquet", "day.csv.part", ".part", ".a.part", ".a.0.part", elsewhere)
+    ]
     for file in others:
         file.touch()
     with atomic_path(path.parent / "other.csv") as temporary:

@@ -40,9 +40,10 @@ def read_ours(path: str | Path) -> Ours:
     files, day = (hour_files(path), day_file(path)) if path.is_dir() else ({}, path)
     if not files and day is None:
         raise DataError(f"{path}: a folder without a map; a map by hours has files such as 09.parquet")
-    parts: dict[int | None, Path] = {**files, **({} if day is None else {None: day})}
-    tables = {hour: read_parquet(file) for hour, file in parts.items()}
-    first = next(iter(parts.values()))
+    tables = {hour: read_parquet(file) for hour, file in files.items()}
+    whole = None if day is None else read_parquet(day)
+    parts = [*files.items(), *([] if day is None else [(None, day)])]
+    first = parts[0][1]
     origin = read_metadata(first)
     if not {"kind", "site"} <= origin.keys():
         raise DataError(f"{first}: lacks its kind and its site; build it again")
@@ -50,10 +51,9 @@ def read_ours(path: str | Path) -> Ours:
     if kind.hourly != path.is_dir():
         said = "one file per hour: give the folder that holds them" if kind.hourly else "one file: give that"
         raise DataError(f"{path}: a map of kind {kind.name} is {said}")
-    for hour, file in parts.items():
+    for hour, file in parts:
         if (own := read_metadata(file)) | {"hour": 0} != origin | {"hour": 0} or own.get("hour", hour) != hour:
             raise DataError(
                 f"{file}: it is of another map, or of another hour, than its neighbours; build the map again"
             )
-    whole = tables.pop(None, None)
     return Ours(kind.name, origin["site"], whole, tables)

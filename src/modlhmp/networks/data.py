@@ -15,7 +15,17 @@ from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.storage import DataError
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import LATE_STEPS, Tracks, clock_offsets, clock_time, gap_limit, positions_at, runs, together, usable_tracks
+from modlhmp.tracks import (
+    LATE_STEPS,
+    Tracks,
+    clock_offsets,
+    clock_time,
+    gap_limit,
+    positions_at,
+    runs,
+    together,
+    usable_tracks,
+)
 
 HELD_OUT_DAYS, HELD_OUT_BLOCKS = 0.2, 0.15  # shares, of `held_out: blocks`
 BLOCK_S, LEAST_BLOCKS = 1800.0, 20  # blocks are shorter where there would be too few
