@@ -22,7 +22,7 @@ from modlhmp.scoring.likelihood import choose_weight, with_background
 from modlhmp.scoring.ttests import mean_test
 from modlhmp.site import Site
 from modlhmp.splits import in_validation_blocks
-from modlhmp.study.likelihood import EIGHT, held_out, moving
+from modlhmp.study.likelihood import EIGHT, held_out
 from modlhmp.tracks import Tracks, read_tracks
 
 Make = Callable[[Tracks, NoMap], Density]
@@ -106,7 +106,7 @@ def main(path: str, timezone: str, *only: str) -> None:
     tracks, site = read_tracks(path), Site(timezone=timezone)
     by_block = np.repeat(in_validation_blocks(tracks), np.diff(tracks.bounds()))
     for held, how in ((held_out(tracks.track_id), "persons"), (by_block, "blocks")):
-        walks = moving(tracks)
+        walks = tracks.moves()
         fit, tried = tracks.take(walks & ~held), tracks.take(walks & held)
         no_map, first = NoMap(fit.speed), None
         print(f"{how}: {len(fit.t)} rows in maps, {len(tried.t)} rows held out")

@@ -129,6 +129,8 @@ class Map:
             raise DataError("Map: its tables must be pyarrow.Table")
         if not hourly and (self.whole is None or self.hours):
             raise DataError(f"Map: a map of kind {self.kind} is one table, `whole`")
+        if not tables:
+            raise DataError(f"Map: a map of kind {self.kind} without a table; give `whole`, `hours` or both")
 
     def save(self, path: str | Path, form: str = PARQUET, **how: Any) -> None:
         """Write it to `path`: a Parquet file, or a folder of the hours' files for a kind that has a map per hour.

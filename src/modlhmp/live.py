@@ -1,7 +1,8 @@
 """Forecasts of people whose positions stream in: what is known at a moment decides, whatever comes late or never.
 
 How rows that are late, repeated, out of order or impossible are treated is a table in docs/live.md; each is counted.
-Memory is bounded: by how many people, by how many rows of each, and by how old these are.
+Memory is bounded: by how many people, by how many rows of each, and by how old these are; where a map learns, also by
+the rows of an hour, a time step apart.
 """
 
 import logging
@@ -91,7 +92,8 @@ class Live:
     forecast, `who` {track id of the futures: the id that was given} of those who were here; `extent` is the map's,
     (x low, x high, y low, y high) [m], for grids that stay the same, None where there is no map.
 
-    `by` may be an `UpdatedMap`: then it is told of who is seen, at every full hour (`live_map`), before the forecast.
+    `by` may be an `UpdatedMap`: then it is told of who is seen, at every full hour (`live_map`), before the forecast:
+    of all up to the first moment of the new hour, once time goes on or a forecast is asked.
     """
 
     def __init__(
@@ -101,6 +103,7 @@ class Live:
         if not isinstance(most_people, int | np.integer) or isinstance(most_people, bool) or most_people < 1:
             raise DataError(f"most_people {most_people!r}: give a whole number of at least 1")
         self._learner = Learner(by) if isinstance(by, UpdatedMap) else None
+        self._used = self._wanted = 0  # version of the learned map, of the forecasts and of the last full hour
         by = learned(by) if isinstance(by, UpdatedMap) else by
         asked = {"horizon_s": horizon_s, "seed": seed, **_defaults(by, asked.get("site")), **asked}
         self._predictor, self._asked = predictor(by, **asked), asked
@@ -142,14 +145,27 @@ class Live:
             if self._late < MOST_LATE:
                 return "late"
             self.counts["clock_set_back"] += 1
+            if self._learner:
+                self._learn(self._learner)
+                self._learner.forget(math.inf)
             self._people.clear()
             self.now = self._swept = -math.inf
         self._late = 0
         if t > self.now:
+            self._learn_if_due()
             self.now = t
             if t - self._swept >= self._gap_s:
                 self._sweep()
         return ""
+
+    def _learn_if_due(self):
+        """Tell the map of what has been seen once an hour is over, whether anybody asks for forecasts or not."""
+        if self._learner and self._learner.due(self.now):
+            self._learn(self._learner)
+
+    def _learn(self, learner):
+        learner.learn(self.now)
+        self._wanted = learner.version
 
     def _take(self, t, who, x, y):
         """Give a row to its person; returns why not, if not."""
@@ -176,8 +192,9 @@ class Live:
                 f"Live.forecast: t0 {t0:.3f} is {self.now - t0:.3g} s before the newest row; what a forecast needs is "
                 f"kept for one time step, {self.site.time_step_s:g} s"
             )
-        if self._learner and self._learner.due(self.now) and self._learner.learn(self.now).changed:
-            self._predictor = predictor(learned(self._learner.kept), **self._asked)
+        self._learn_if_due()
+        if self._learner and self._used != self._wanted:
+            self._predictor, self._used = predictor(learned(self._learner.kept), **self._asked), self._wanted
         self.counts["forecasts"] += 1
         people = [person for person in self._people.values() if len(person.rows[0])]
         seen, state = ending_at(_tracks_of(people), t0, self.site.time_step_s, self.site.observed_rows)
@@ -257,6 +274,8 @@ class Live:
         ]
         for text in gone:
             del self._people[text]
+        if self._learner:  # no row that is still taken is less than a gap after what was then
+            self._learner.forget(self.now - self._kept_s - self._gap_s)
 
 
 def is_row(t: Any, who: Any, x: Any, y: Any) -> bool:

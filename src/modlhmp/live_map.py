@@ -44,6 +44,7 @@ class Learner:
         self._last: dict[str, _Last] = {}
         self._ids, self._rows = array("q"), array("d")
         self._since = math.inf
+        self.version = 0  # grows where what is learned changes the map
 
     def see(self, t: float, who: int | str, x: float, y: float) -> None:
         """Take a row: somebody was at (x, y) [m] at t [unix s]."""
@@ -82,13 +83,18 @@ class Learner:
         rows = np.array(self._rows).reshape(-1, 5)
         tracks = Tracks(np.array(self._ids, np.int64), *(np.ascontiguousarray(part) for part in rows.T))
         self._ids, self._rows, self._since = array("q"), array("d"), now
-        self._last = {text: last for text, last in self._last.items() if now - last.t <= self._gap_s}
         order = np.lexsort((tracks.t, tracks.track_id))
         try:
-            return self.kept.add(tracks.take(order), self.recording)
+            update = self.kept.add(tracks.take(order), self.recording)
         except DataError as error:
             logging.getLogger("modlhmp").warning("Live: %d rows are not learned: %s", len(order), error)
-            return Update(0, 0, len(order), 0, 0)
+            update = Update(0, 0, len(order), 0, 0)
+        self.version += bool(update.changed)
+        return update
+
+    def forget(self, before: float) -> None:
+        """Forget who was last seen before that time [unix s], and would begin anew."""
+        self._last = {text: last for text, last in self._last.items() if last.t >= before}
 
 
 def learned(kept: UpdatedMap) -> Map:

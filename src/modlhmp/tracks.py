@@ -53,6 +53,10 @@ class Tracks(NamedTuple):
         """The rows of a mask or an index array."""
         return Tracks(*(column[rows] for column in self))
 
+    def moves(self) -> np.ndarray:
+        """Which rows, bool [n], have a velocity: a heading, and a speed above 0."""
+        return np.isfinite(self.speed) & np.isfinite(self.heading) & (self.speed > 0)
+
     def bounds(self) -> np.ndarray:
         """First row of every track and, as the last entry, the number of rows: shape [tracks + 1]."""
         changes = np.flatnonzero(self.track_id[1:] != self.track_id[:-1]) + 1
@@ -237,7 +241,12 @@ def positions_at(tracks: Tracks, rows: np.ndarray, when: np.ndarray, track: np.n
 
 def clock_hours(t: np.ndarray, timezone: str) -> np.ndarray:
     """Local clock hour (0-23) of unix times [s]."""
-    return (np.floor(np.asarray(t, float) + clock_offsets(t, timezone)).astype(np.int64) // 3600) % 24
+    return clock_numbers(t, timezone) % 24
+
+
+def clock_numbers(t: np.ndarray, timezone: str) -> np.ndarray:
+    """Local clock hours since 1970 of unix times [s]."""
+    return np.floor(np.asarray(t, float) + clock_offsets(t, timezone)).astype(np.int64) // 3600
 
 
 def clock_time(t: np.ndarray, timezone: str) -> np.ndarray:

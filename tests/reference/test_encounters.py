@@ -47,15 +47,16 @@ def test_a_planted_meeting():
     assert not met.any(), "nobody runs into oneself"
 
 
-def test_people_of_other_recordings_count_and_gaps_do_not():
-    """Somebody stands in the way, in another recording; one who is away for 6 s is nowhere in between."""
-    t = np.arange(12.0)
-    one = track(0, t, t, 0.0)
+@pytest.mark.parametrize("step_s", [1.0, 6.0])
+def test_people_of_other_recordings_count_and_gaps_do_not(step_s):
+    """Somebody stands in the way, in another recording; one who is away for ten steps is nowhere in between."""
+    t, site = np.arange(12.0), Site(horizon_s=STEPS * step_s, time_step_s=step_s)
+    one = track(0, step_s * t, t, 0.0)
     path = np.column_stack([4.0 + np.arange(STEPS), np.zeros(STEPS)])[None]
-    standing, absent = track(0, t, 7.0, 0.1), track(0, [0.0, 1.0, 11.0], 7.0, 0.0)
-    met, truth, _ = encounters(one, ahead(one, path), together([one, standing]), SITE)
+    standing, absent = track(0, step_s * t, 7.0, 0.1), track(0, step_s * np.array([0.0, 1.0, 11.0]), 7.0, 0.0)
+    met, truth, _ = encounters(one, ahead(one, path), together([one, standing]), site)
     assert met[0, 0].tolist() == truth[0].tolist() == [0, 0, 0, 1, 1, 1, 1, 1]
-    met, _, _ = encounters(one, ahead(one, path), together([one, absent]), SITE)
+    met, _, _ = encounters(one, ahead(one, path), together([one, absent]), site)
     assert not met.any()
 
 

@@ -13,6 +13,7 @@ import modlhmp
 from modlhmp import DataError, Site
 from modlhmp.contract import SITE, crowd
 from modlhmp.forecasting.recording import forecast_recording
+from modlhmp.kinds import find
 from modlhmp.methods import make_forecaster
 from modlhmp.options import Episodes, Pooled, RollOut, Snippets
 from modlhmp.scoring.recording import score_recording
@@ -156,6 +157,37 @@ def test_a_map_is_saved_and_loaded(maps, tmp_path, kind):
     history = seen(PEOPLE)
     ours, theirs = (modlhmp.forecast(one, history, **FEW.get(kind, {"k": 3})) for one in (maps[kind], again))
     np.testing.assert_array_equal(ours.paths, theirs.paths)
+
+
+@pytest.mark.parametrize("kind", [name for name in MAPS if find(name).hourly])
+@pytest.mark.parametrize("parts", [("whole",), ("hours",), ("whole", "hours")])
+def test_any_part_of_a_map_by_hours_is_a_map(maps, tmp_path, kind, parts):
+    """The whole day alone, as few people leave it, one hour alone, or both; never a day and hours of two maps."""
+    ours = modlhmp.Map(kind, SITE, maps[kind].whole if "whole" in parts else None,
+                       {8: maps[kind].hours[8]} if "hours" in parts else {})  # fmt: skip
+    ours.save(tmp_path / "map")
+    again = modlhmp.load_map(tmp_path / "map")
+    assert (again.kind, again.hours.keys(), again.whole is None) == (kind, ours.hours.keys(), ours.whole is None)
+    history = seen(PEOPLE)
+    given = {"k": 3} if ours.whole is None else {"k": 3, "without_map": "whole_day"}
+    np.testing.assert_array_equal(*(modlhmp.forecast(one, history, **given).paths for one in (ours, again)))
+    if len(parts) > 1:
+        other = modlhmp.Map(kind, dataclasses.replace(SITE, timezone="UTC"), maps[kind].whole, {})
+        other.save(tmp_path / "other")
+        (tmp_path / "other/day.parquet").rename(tmp_path / "map/day.parquet")
+        refused("day.parquet: it is of another map", modlhmp.load_map, tmp_path / "map")
+    refused("without a table; give `whole`, `hours` or both", modlhmp.Map, kind, SITE, None, {})
+
+
+def test_few_people_make_a_map_of_the_whole_day_alone(tmp_path):
+    apart = 3600.0 * (PEOPLE.track_id % 8)
+    few = PEOPLE._replace(t=PEOPLE.t + apart).take(PEOPLE.track_id < 8)
+    ours = modlhmp.build_map("tc_cliff", few, dataclasses.replace(SITE, hours=None))
+    assert ours.whole.num_rows and not ours.hours
+    for name, form in (("map", {}), ("xml", {"form": "xml"})):
+        ours.save(tmp_path / name, **form)
+        again = modlhmp.load_map(tmp_path / name, **({"site": ours.site, **form} if form else {}))
+        assert (again.kind, again.whole.num_rows, again.hours) == ("tc_cliff", ours.whole.num_rows, {})
 
 
 def test_hours_are_those_of_the_training_data(maps):
@@ -518,7 +550,7 @@ def test_a_homography_that_takes_places_to_a_line_is_refused(write):
 # --- the time step of tracks of which no site is given ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step_s", [0.04, 1 / 30, 0.4, 1.0, 2.5])
+@pytest.mark.parametrize("step_s", [0.04, 1 / 30, 0.4, 1.0, 2.5, 6.0])
 def test_the_time_step_is_that_of_the_tracks(step_s):
     """Whatever is built or forecast without a word of it; paths are those of a site that says it."""
     tracks = PEOPLE._replace(t=PEOPLE.t[0] + step_s * (PEOPLE.t - PEOPLE.t[0]), x=step_s * PEOPLE.x)
@@ -526,6 +558,7 @@ def test_the_time_step_is_that_of_the_tracks(step_s):
     assert a_map.site.time_step_s == pytest.approx(step_s, abs=1e-6)
     futures = modlhmp.forecast("cvm", seen(tracks), horizon_s=5 * a_map.site.time_step_s)
     assert futures.times_s[-1] == pytest.approx(5 * step_s, abs=1e-5) and futures.paths.shape[2] == 5
+    assert modlhmp.score(futures, tracks).n[-1] == len(futures.t0), "nobody's step is a gap"
     said = modlhmp.forecast("cvm", seen(tracks), 5 * a_map.site.time_step_s, site=a_map.site)
     np.testing.assert_array_equal(futures.paths, said.paths)
     assert modlhmp.forecast("cvm", seen(tracks)).times_s[-1] == pytest.approx(60, abs=step_s)

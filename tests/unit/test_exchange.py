@@ -1,6 +1,7 @@
 """Maps in other people's forms: what goes out comes back, and what is wrong in a file is repaired or refused by row."""
 
 import ast
+import itertools
 import logging
 
 import numpy as np
@@ -198,6 +199,34 @@ def test_histograms_of_a_map_come_back(tmp_path):
         learned = column(evaluate(theirs.whole, middle_of_hour(hour)), "probabilities").reshape(-1, 8)
         smoothed = max(smoothed, np.abs(learned - expected).max())
     assert smoothed > 0.05
+
+
+@pytest.mark.parametrize("form", [form.name for form in FORMS])
+def test_hours_come_back_whichever_they_are(maps, tmp_path, form):
+    """Every choice of hours, alone and with the whole day: apart, at night, none that the site lists."""
+    (kind,) = {"tc_cliff", "stef"} & set(next(one for one in FORMS if one.name == form).kinds)
+    of_hour, how = dict(zip((0, 9, 11, 23), 2 * list(maps[kind].hours.values()), strict=True)), {}
+    if form == "histogram":
+        xy = np.array([[column(table, name) for name in ("x", "y")] for table in of_hour.values()])
+        how = {name: (xy[:, i].min() - 0.5, xy[:, i].max() + 0.5) for i, name in enumerate("xy")}
+    chosen = [some for n in range(5) for some in itertools.combinations(of_hour, n)]
+    for number, (some, whole) in enumerate(itertools.product(chosen, (None, maps[kind].whole))):
+        if not some and (whole is None or form == "histogram"):
+            continue
+        modlhmp.Map(kind, SITE, whole, {hour: of_hour[hour] for hour in some}).save(tmp_path / f"{number}", form=form)
+        theirs = modlhmp.load_map(tmp_path / f"{number}", form=form, site=SITE, **how)
+        assert (theirs.kind, tuple(theirs.hours)) == (kind, some)
+        assert form == "histogram" or (theirs.whole is None) == (whole is None)
+        for hour, table in theirs.hours.items():
+            if kind == "stef":
+                ours, again = (
+                    dict(zip(zip(column(one, "x").round(6), column(one, "y").round(6), strict=True),
+                             column(one, "probabilities").reshape(-1, 8), strict=True))
+                    for one in (of_hour[hour], table)
+                )  # fmt: skip
+                np.testing.assert_allclose(list(again.values()), [ours[place] for place in again], atol=3e-4)
+            else:
+                same(of_hour[hour], table, LOST[form])
 
 
 def test_histograms_are_learned_from_like_counts_of_tracks(tmp_path):

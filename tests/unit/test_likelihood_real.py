@@ -8,7 +8,6 @@ from modlhmp.maps import density
 from modlhmp.maps.histogram import Level, histogram
 from modlhmp.readers import read_recording
 from modlhmp.scoring.likelihood import as_printed, charged, is_charged, with_background
-from modlhmp.study.likelihood import moving
 
 pytestmark = pytest.mark.real
 
@@ -23,7 +22,7 @@ def day(real_data, load_shipped):
     if missing := [one.path for one in dataset.recordings if not one.exists]:
         pytest.skip(f"{', '.join(missing)}: not there")
     tracks = {one.split: read_recording(one.path, dataset, one.day, one.start)[0] for one in dataset.recordings}
-    return dataset, *(tracks[split].take(moving(tracks[split])) for split in ("train", "test"))
+    return dataset, *(tracks[split].take(tracks[split].moves()) for split in ("train", "test"))
 
 
 def asked(one, rows):

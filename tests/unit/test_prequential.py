@@ -12,7 +12,7 @@ from modlhmp.contract import SITE, crowd
 from modlhmp.file_format import Recording
 from modlhmp.study import prequential
 from modlhmp.study.exhibits import prequential_hours
-from modlhmp.tracks import concatenate, write_tracks
+from modlhmp.tracks import clock_numbers, concatenate, write_tracks
 
 HOURS = 6
 DAY = dataclasses.replace(HALL, time_step_s=1.0, timezone=SITE.timezone, recordings=(Recording(name="day"),))
@@ -41,7 +41,7 @@ def reversal():
 
 def test_nothing_of_an_hour_or_after_it_counts():
     table, _ = prequential.scores(PEOPLE, SITE)
-    hours = prequential.clock_numbers(PEOPLE.t, SITE.timezone)
+    hours = clock_numbers(PEOPLE.t, SITE.timezone)
     known = hours <= np.unique(hours)[3]
     before, _ = prequential.scores(PEOPLE.take(known), SITE)
     assert before["number"].tolist() == table[table["number"] <= 3]["number"].tolist()
@@ -60,7 +60,7 @@ def test_what_repeats_is_foretold_and_no_map_is_worse():
 
 def test_half_of_one_way_streets_turns_round():
     tracks, half, number = prequential.planted(PEOPLE, SITE.timezone)
-    hours = prequential.clock_numbers(tracks.t, SITE.timezone)
+    hours = clock_numbers(tracks.t, SITE.timezone)
     late = hours >= np.unique(hours)[number]
     way = np.sign(np.cos(tracks.heading))
     assert number == HOURS // 2 and 0.4 < half.mean() < 0.6

@@ -1,7 +1,9 @@
 """Tables on disk: what is packed comes back to the bit, and small."""
 
+import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pyarrow as pa
@@ -11,6 +13,7 @@ from modlhmp import __version__
 from modlhmp.storage import (
     VERSION,
     DataError,
+    _host,
     atomic_path,
     column,
     packing,
@@ -109,7 +112,10 @@ def test_what_a_killed_writer_left_is_removed_and_nothing_else(tmp_path):
     done = subprocess.run([sys.executable, "-c", KILLED, path], check=False)
     assert done.returncode == -9
     (left,) = path.parent.iterdir()
-    others = [path.parent / name for name in ("cvm.parquet", "day.csv.part", ".part", ".a.part", ".a.0.part")]
+    elsewhere = left.name.replace(_host(), "h01234567")
+    others = [
+        path.parent / name for name in ("cvm.parquet", "day.csv.part", ".part", ".a.part", ".a.0.part", elsewhere)
+    ]
     for file in others:
         file.touch()
     with atomic_path(path.parent / "other.csv") as temporary:
@@ -119,6 +125,10 @@ def test_what_a_killed_writer_left_is_removed_and_nothing_else(tmp_path):
         assert remove_leftovers(tmp_path / "results", tmp_path / "nothing") == [bag, left]
         assert set(path.parent.iterdir()) == {*others, temporary}
     assert remove_leftovers(tmp_path) == []
+    of_last_week = time.time() - 8 * 86400
+    for file in others:
+        os.utime(file, (of_last_week, of_last_week))
+    assert remove_leftovers(tmp_path) == [path.parent / elsewhere], "whose host cannot be asked"
 
 
 def test_a_column_with_gaps_is_refused():

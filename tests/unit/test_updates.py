@@ -1,5 +1,6 @@
 """Maps that are updated: what equals what to the bit, what each is written out as, and what is refused."""
 
+import dataclasses
 import itertools
 import json
 
@@ -10,6 +11,8 @@ from typer.testing import CliRunner
 import modlhmp
 from modlhmp.cli import app
 from modlhmp.contract import SITE, crowd
+from modlhmp.kinds import find
+from modlhmp.live_map import Learner
 from modlhmp.maps import cliff, swgmm
 from modlhmp.maps.updated import cells
 from modlhmp.maps.updated.counted import packed, unpacked
@@ -134,6 +137,23 @@ def test_stef_equals_what_is_built_at_once():
     for one, other in ((built.whole, ours.whole), *((built.hours[hour], ours.hours[hour]) for hour in built.hours)):
         for name in one.column_names:
             np.testing.assert_allclose(column(other, name), column(one, name), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("hours", [None, (7, 8), (8, 10), (22, 9), (9, 12)])
+@pytest.mark.parametrize("kind", [name for name in KINDS if find(name).hourly])
+def test_it_has_the_hours_of_what_is_built_at_once(kind, hours):
+    """Those that the site lists, and no others; of rows of which some lie outside these, too."""
+    site = dataclasses.replace(SITE, hours=hours)
+    built, told = modlhmp.build_map(kind, MONDAY, site), UpdatedMap(kind, site)
+    for batch in in_pieces(MONDAY, 2):
+        told.add(batch, "hall")
+        told.written()
+    ours = told.written()
+    assert list(ours.hours) == list(built.hours)
+    for one, other in ((built.whole, ours.whole), *((built.hours[hour], ours.hours[hour]) for hour in built.hours)):
+        assert {*zip(column(one, "x"), column(one, "y"), strict=True)} == {
+            *zip(column(other, "x"), column(other, "y"), strict=True)
+        }
 
 
 def test_stef_needs_no_interval_that_divides_an_hour():
@@ -403,7 +423,6 @@ def test_live_keeps_its_map_up_to_date(every_s):
     for t, who, x, y in streamed(MONDAY, every_s):
         live.see(float(t), int(who), float(x), float(y))
     live.pass_time(MONDAY.t.max() + 3600.0)
-    assert len(kept._state.rows.t) == len(on_day(-1).t)
     live.forecast()
     rows = kept._state.rows.take(kept._state.rows.t >= MONDAY.t.min())
     assert len(rows.t) == len(MONDAY.t)
@@ -411,6 +430,56 @@ def test_live_keeps_its_map_up_to_date(every_s):
     live.see(MONDAY.t.max() + 7300.0, "nobody else", 0.0, 0.0)
     live.forecast()  # an hour without anybody
     assert live._predictor.ask is not None
+
+
+def frames(tracks, hours=3):
+    """[(t, rows)] of people who come again every hour as others."""
+    seen = {}
+    for hour in range(hours):
+        for t, who, x, y in streamed(tracks):
+            seen.setdefault(t + 3600.0 * hour, []).append((t + 3600.0 * hour, int(who) + 1000 * hour, x, y))
+    return sorted(seen.items())
+
+
+@pytest.mark.parametrize("kind", ["cliff", "episodes"])
+def test_what_live_learns_does_not_depend_on_who_asks_for_forecasts(kind):
+    """After every frame the map is what it is where each is forecast: learned before the first forecast of an hour."""
+    kept, asked = [made(kind, on_day(-1)) for _ in range(4)], (1, 7, 400)
+    lives, plain = [modlhmp.Live(one, 3.0) for one in kept[:3]], Learner(kept[3])
+    learned_at = []
+    for number, (now, rows) in enumerate(frames(MONDAY)):
+        for live in lives:
+            for row in rows:
+                live.see(*row)
+        for row in rows:
+            plain.see(*row)
+        if plain.due(now) and plain.learn(now).changed:
+            learned_at.append(now)
+        paths = [live.forecast().paths for live, each in zip(lives, asked, strict=True) if number % each == 0]
+        assert all(np.array_equal(paths[0], one) for one in paths[1:])
+        assert kept[0]._state.state().equals(kept[3]._state.state())
+    assert len(learned_at) >= 3 and len(asked) == 3
+    states = [live.updated()._state.state() for live in lives]
+    assert all(one.equals(states[0]) for one in states[1:])
+
+
+def test_what_waits_to_be_learned_is_an_hour_s():
+    live = modlhmp.Live(made("episodes", on_day(-1)), 3.0)
+    most = [0, 0]
+    for number in range(6 * 3600):
+        t = MONDAY.t.max() + number
+        live.see(t, number // 60, number % 60, 0.0)
+        if number == 5 * 3600:
+            live.updated()
+        most = [max(one, len(of)) for one, of in zip(most, (live._learner._ids, live._learner._last), strict=True)]
+    assert most[0] <= 3601 and most[1] <= 3
+    before = live._predictor
+    live.forecast()
+    assert live._predictor is not before
+    waiting = len(live._learner._ids)
+    for number in range(20):  # the clock is set back: what waits is learned, and nobody of before goes on
+        live.see(MONDAY.t.max() - 7200.0 + number, 359, 0.0, 0.0)
+    assert waiting and len(live._learner._ids) <= 20 and len(live._learner._last) == 1
 
 
 def test_live_forecasts_with_what_it_has_learned():

@@ -2,8 +2,10 @@
 
 import http.server
 import json
+import os
 import subprocess
 import threading
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,7 +14,7 @@ import yaml
 from PIL import Image
 
 from modlhmp.origins import file_sha256
-from modlhmp.storage import read_metadata
+from modlhmp.storage import read_metadata, temporary_name
 
 OWN_DATASET = """
 title: Own recording
@@ -121,7 +123,7 @@ def test_a_run_removes_what_a_killed_one_left(project):
     killed = subprocess.Popen(["true"])
     killed.wait()
     left = [
-        project.folder / folder / f".half.csv.{killed.pid}.part"
+        project.folder / folder / temporary_name(Path("half.csv")).name.replace(f".{os.getpid()}.", f".{killed.pid}.")
         for folder in ("results/demo/demo_hall/errors", "paper_figures/demo", "resources/demo/demo")
     ]
     for file in left:

@@ -13,7 +13,7 @@ from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import DataError, read_metadata, write_parquet
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import person_ids, read_tracks, with_persons
+from modlhmp.tracks import gap_limit, person_ids, read_tracks, with_persons
 
 with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
@@ -39,6 +39,9 @@ with job_log(snakemake.log[0]) as log:
         tables.append(with_persons(scored, persons))
     if not any(table.num_rows for table in tables):
         rows = site.observed_rows + 1
-        raise DataError(f"{names.dataset}: no test track (or scene) has {rows} rows without a gap over 5 s to measure")
+        gap_s = gap_limit(site.time_step_s)
+        raise DataError(
+            f"{names.dataset}: no test track (or scene) has {rows} rows without a gap over {gap_s:g} s to measure"
+        )
     origin = provenance(dict(names), dict(params), files) | {"horizons_s": params.horizons}
     write_parquet(pa.concat_tables(tables).unify_dictionaries(), snakemake.output[0], **origin)

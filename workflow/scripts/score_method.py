@@ -10,7 +10,7 @@ from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import DataError, write_pieces
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import owner_ids, person_ids, read_tracks, with_owners, with_persons
+from modlhmp.tracks import gap_limit, owner_ids, person_ids, read_tracks, with_owners, with_persons
 
 
 def scored(files, params, names, log):
@@ -31,7 +31,10 @@ def scored(files, params, names, log):
             yield errors
     if not rows:
         needed = site.observed_rows + 1
-        raise DataError(f"{names.dataset}: no test track (or scene) has {needed} rows without a gap over 5 s to score")
+        gap_s = gap_limit(site.time_step_s)
+        raise DataError(
+            f"{names.dataset}: no test track (or scene) has {needed} rows without a gap over {gap_s:g} s to score"
+        )
     log.info("%d rows of errors", rows)
 
 

@@ -19,7 +19,7 @@ from modlhmp.exchange.rows import Source
 from modlhmp.exchange.rows import read_source as read_stream
 from modlhmp.kinds import find
 from modlhmp.maps import stef
-from modlhmp.maps.base import DAY, hour_files
+from modlhmp.maps.base import DAY, day_file, hour_files
 from modlhmp.settings import check
 from modlhmp.site import Site
 from modlhmp.storage import DataError, boundary, read_metadata, read_parquet, write_text
@@ -50,7 +50,9 @@ def hour_sources(path: str | Path) -> dict[int | str, Path]:
             found[hour] = file
         elif path.is_dir() and file.stem == DAY_STEM:
             found[DAY_STEM] = file
-    if not found.keys() - {DAY_STEM}:
+    # A day beside files that may be hours by names of others is not all of a map.
+    of_day = found.get(DAY_STEM) if len(found) == 1 else None
+    if not found or (of_day and any(file != of_day for file in folder.glob(f"*{of_day.suffix}"))):
         what = "a folder without a map" if path.is_dir() else "there are no such files"
         raise DataError(f"{path}: {what}; a map by hours has files such as 09.parquet or 09.csv, or give {{hour}}.csv")
     return found
@@ -59,9 +61,8 @@ def hour_sources(path: str | Path) -> dict[int | str, Path]:
 def map_files(path: str | Path) -> list[Path]:
     """The files of a map, ours or foreign; `DataError` where there are none."""
     path = Path(path)
-    if path.is_dir() and (hours := hour_files(path)):
-        return [*hours.values(), *([path / DAY] if (path / DAY).exists() else [])]
-    return list(hour_sources(path).values()) or [path]
+    ours = [*hour_files(path).values(), *filter(None, [day_file(path)])] if path.is_dir() else []
+    return ours or list(hour_sources(path).values()) or [path]
 
 
 def kind_in(path: str | Path, form: str | None = None) -> str:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 
 from modlhmp.kinds import find
-from modlhmp.maps.base import DAY, hour_files
+from modlhmp.maps.base import day_file, hour_files
 from modlhmp.storage import DataError, read_metadata, read_parquet
 
 PARQUET, MAGIC = "parquet", b"PAR1"
@@ -27,7 +27,7 @@ def is_parquet(path: str | Path, form: str | None = None) -> bool:
     if form is not None:
         return form == PARQUET
     if path.is_dir():
-        return bool(hour_files(path))
+        return bool(hour_files(path) or day_file(path))
     if path.suffix == ".parquet" or not path.exists():
         return "{hour}" not in path.name
     with open(path, "rb") as file:
@@ -37,24 +37,23 @@ def is_parquet(path: str | Path, form: str | None = None) -> bool:
 def read_ours(path: str | Path) -> Ours:
     """A map that `Map.save` or the workflow wrote; `DataError` where it is none."""
     path = Path(path)
-    files = hour_files(path) if path.is_dir() else {}
-    if path.is_dir() and not files:
+    files, day = (hour_files(path), day_file(path)) if path.is_dir() else ({}, path)
+    if not files and day is None:
         raise DataError(f"{path}: a folder without a map; a map by hours has files such as 09.parquet")
-    first = next(iter(files.values()), path)
     tables = {hour: read_parquet(file) for hour, file in files.items()}
-    whole = None if files else read_parquet(path)
+    whole = None if day is None else read_parquet(day)
+    parts = [*files.items(), *([] if day is None else [(None, day)])]
+    first = parts[0][1]
     origin = read_metadata(first)
     if not {"kind", "site"} <= origin.keys():
         raise DataError(f"{first}: lacks its kind and its site; build it again")
     kind = find(origin["kind"])
-    for hour, file in files.items():
+    if kind.hourly != path.is_dir():
+        said = "one file per hour: give the folder that holds them" if kind.hourly else "one file: give that"
+        raise DataError(f"{path}: a map of kind {kind.name} is {said}")
+    for hour, file in parts:
         if (own := read_metadata(file)) | {"hour": 0} != origin | {"hour": 0} or own.get("hour", hour) != hour:
             raise DataError(
                 f"{file}: it is of another map, or of another hour, than its neighbours; build the map again"
             )
-    if kind.hourly != path.is_dir():
-        parts = "one file per hour: give the folder that holds them" if kind.hourly else "one file: give that"
-        raise DataError(f"{path}: a map of kind {kind.name} is {parts}")
-    if (path / DAY).exists():
-        whole = read_parquet(path / DAY)
     return Ours(kind.name, origin["site"], whole, tables)

@@ -24,6 +24,7 @@ from modlhmp.tracks import clock_offsets
 
 SHARES = 10_000  # a histogram that we write counts so many in a cell; readers hold them in 16 bits
 MOST_HEADINGS = 360
+HOUR_S = 3600
 UNDATED = 1  # of a file of ours, days from 1 January 1970: hours of a map have no date
 LATEST_S = 1e11  # of a time in unix s: the year 5138
 Hours = dict[int, pa.Table]
@@ -81,7 +82,7 @@ def read_histograms(source: Source, box: Any, site: Site) -> tuple[pa.Table, Hou
 
     `box` says `x` and `y` (first and last edge, m), `resolution_m`, `orientations` and the `order` of FreMEn. -1 is
     "never seen". Each interval's numbers count by the largest of their cell, as where a map is built from tracks. The
-    hours of a file without a date, as `write_histograms` makes it, stay as they are.
+    hours of a file without a date, as `write_histograms` makes it, stay as they are, whichever the site lists.
     """
     shape = (*(round((high - low) / box.resolution_m) for low, high in (box.x, box.y)), box.orientations)
     times, counts = _histogram_lines(source, shape, box)
@@ -90,8 +91,12 @@ def read_histograms(source: Source, box: Any, site: Site) -> tuple[pa.Table, Hou
     if not used.any():
         raise DataError(f"{source.name}: all numbers are 0: the map is empty")
     signals = seen[:, used] / np.maximum(seen[:, used].max(axis=2, keepdims=True), 1)
-    local = times + clock_offsets(times, site.timezone) + np.diff(times).min() / 2
+    local = times + clock_offsets(times, site.timezone)
     undated = bool((np.floor(local / DAY_S) == UNDATED).all())
+    if len(times) < 2 and not undated:
+        raise DataError(f"{source.name}: 1 interval, whose length nothing tells: give two or more")
+    # Lines without a date are hours; hours that have no map have no line, so their distance may be more than that.
+    local += (HOUR_S if undated else np.diff(times).min()) / 2
     local -= np.floor(local[0] / DAY_S) * DAY_S
     parts = fremen.analyse(local, signals.reshape(len(times), -1).T, box.order)
     i, j = np.divmod(np.flatnonzero(used), shape[1])
@@ -107,11 +112,11 @@ def read_histograms(source: Source, box: Any, site: Site) -> tuple[pa.Table, Hou
             **dict(zip(("amplitudes", "phases", "periods"), lists, strict=True)),
         }
     ).replace_schema_metadata({"resolution": str(box.resolution_m), "orientations": str(box.orientations)})
-    of_hour = (local % DAY_S // 3600).astype(int)
-    hours = site.listed_hours or sorted(set(of_hour[seen.any(axis=(1, 2))].tolist()))
+    of_hour = (local % DAY_S // HOUR_S).astype(int)
     if not undated:
+        hours = site.listed_hours or sorted(set(of_hour[seen.any(axis=(1, 2))].tolist()))
         return whole, {hour: evaluate(whole, middle_of_hour(hour)) for hour in hours}, {}
-    counted = {hour: seen[of_hour == hour][:, used].sum(axis=0) for hour in hours}
+    counted = {hour: seen[of_hour == hour][:, used].sum(axis=0) for hour in sorted(set(of_hour.tolist()))}
     shares = {hour: one / np.maximum(one.sum(axis=1, keepdims=True), 1) for hour, one in counted.items()}
     return whole, {hour: _table(x, y, one, box.resolution_m) for hour, one in shares.items()}, {}
 
@@ -140,8 +145,8 @@ def _histogram_lines(source: Source, shape: tuple[int, ...], box: Any) -> tuple[
         if len(starts) > 1 and starts[-1] <= starts[-2]:
             raise DataError(f"{where}: row {row}: it begins at {start} s, not after the row before")
         counts.append(found)
-    if len(starts) < 2:
-        raise DataError(f"{where}: {len(starts)} intervals: give two or more")
+    if not starts:
+        raise DataError(f"{where}: no intervals: give two or more")
     return np.array(starts), np.array(counts)
 
 
@@ -167,7 +172,7 @@ def write_histograms(hours: Mapping[int, pa.Table], site: Site) -> tuple[str, di
             for name, (low, _) in zip(("x", "y"), edges, strict=True)
         )
         counts[i, j] = np.rint(_probabilities(table) * SHARES)
-        lines.append(",".join(map(str, [round(midnight + 3600 * hour), *counts.ravel().tolist()])))
+        lines.append(",".join(map(str, [round(midnight + HOUR_S * hour), *counts.ravel().tolist()])))
     box = {"x": edges[0], "y": edges[1], "resolution_m": step, "orientations": orientations}
     return "\n".join([*lines, ""]), box
 

@@ -66,7 +66,7 @@ def find_neighbours(everyone: Tracks, own_row: np.ndarray, observed_rows: int = 
 
 
 def _last_velocity(table, xy, row, first_row, gap_s):
-    """Velocity [n, 2] in m/s between each row and the one before it; 0 for a first row, or after `gap_s` and more."""
+    """Velocity [n, 2] in m/s between each row and the one before it; 0 for a first row, or after more than `gap_s`."""
     before = np.maximum(row - 1, 0)
     dt = table.t[row] - table.t[before]
     known = (row > first_row[row]) & (dt > 0) & (dt <= gap_s)

@@ -82,6 +82,11 @@ def hour_files(folder: str | Path) -> dict[int, Path]:
     return {hour: file for hour, file in files.items() if hour < 24}
 
 
+def day_file(folder: str | Path) -> Path | None:
+    """The file of the whole day of such a map; None where it has none."""
+    return day if (day := Path(folder) / DAY).exists() else None
+
+
 def read_map(
     source: str | Path | pa.Table,
     what: str,

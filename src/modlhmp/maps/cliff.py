@@ -43,8 +43,7 @@ def build(tracks: Tracks, site: Site | None = None, building: CliffBuilding | No
     resolution_m = building.resolution_m
     step_s = site.time_step_s if site else 1.0
     observed = steps_observed(tracks.t, step_s)
-    moving = np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
-    tracks = tracks.take(moving)
+    tracks = tracks.take(tracks.moves())
     locations, members = neighbourhoods(tracks.x, tracks.y, resolution_m, building.radius_m, building.min_observations)
     mixtures = [
         fit_location(tracks.heading[mine], tracks.speed[mine], building.bandwidth)
@@ -145,8 +144,7 @@ def _components_of(heading, speed, labels):
     for label in range(len(components)):
         found = _moments_of(label, heading, speed, labels)
         if found[0] > 0.0:
-            for i in range(6):  # an assignment of slices takes numba many times as long to compile
-                components[used, i] = found[i]
+            swgmm.copy_row(found, components[used])
             used += 1
     return components[:used].copy()
 

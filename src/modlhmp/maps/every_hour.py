@@ -51,7 +51,7 @@ class Walked(NamedTuple):
 def walked(tracks: Tracks, site: Site, building: Building) -> Walked:
     """What such a map is built from: rows with a heading and a speed above 0."""
     hours = clock_hours(tracks.t, site.timezone)
-    moving = np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
+    moving = tracks.moves()
     wanted = [hour for hour in hours_mapped(tracks, site) if (hours[moving] == hour).any()]
     observed: dict[int | None, int] = {None: cliff.steps_observed(tracks.t, site.time_step_s)}
     observed |= {hour: cliff.steps_observed(tracks.t[hours == hour], site.time_step_s) for hour in wanted}

@@ -59,7 +59,7 @@ class Counts:
     """Velocities of tracks counted in cells and bins, of which densities of several `levels` can be made."""
 
     def __init__(self, tracks: Tracks, site: Site, no_map: NoMap, cell_m: float, bins: Bins = PLAIN) -> None:
-        tracks = tracks.take(np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed > 0))
+        tracks = tracks.take(tracks.moves())
         cells = np.floor(np.column_stack([tracks.x, tracks.y]) / cell_m).astype(np.int64).reshape(-1, 2)
         self.cells, cell = np.unique(cells, axis=0, return_inverse=True)
         self.cell_m, self.timezone, self.grid = cell_m, site.timezone, _Grid(no_map, bins)

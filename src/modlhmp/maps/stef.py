@@ -25,6 +25,11 @@ def orientation_bin(heading: np.ndarray, orientations: int) -> np.ndarray:
     return np.ceil(np.asarray(heading) * orientations / (2 * np.pi) - 0.5).astype(np.int64) % orientations
 
 
+def used(tracks: Tracks) -> np.ndarray:
+    """Which rows count, bool [n]: those with a heading that are not known to stand; their speed may be unknown."""
+    return np.isfinite(tracks.heading) & (tracks.speed != 0.0)
+
+
 def build(tracks: Tracks, site: Site, building: StefBuilding | None = None) -> pa.Table:
     """Build a STeF-map; returns a `pyarrow.Table`, one row per cell and orientation.
 
@@ -34,8 +39,7 @@ def build(tracks: Tracks, site: Site, building: StefBuilding | None = None) -> p
     building = building or StefBuilding()
     resolution_m, orientations = building.resolution_m, building.orientations
     interval_s = building.interval_s
-    seen = np.isfinite(tracks.heading) & (tracks.speed != 0.0)
-    tracks = tracks.take(seen)
+    tracks = tracks.take(used(tracks))
     if not len(tracks.t):
         raise DataError("a STeF-map needs rows with a heading; the training recordings have none")
     cells, cell = np.unique(

@@ -82,6 +82,13 @@ def moments(heading, speed):
 
 
 @kernel
+def copy_row(source, to):
+    """Copy a component [6]: numba takes many times as long to compile an assignment of slices."""
+    for i in range(6):
+        to[i] = source[i]
+
+
+@kernel
 def precompute(components):
     """[J, 6] components to [J, 6] terms: log weight - log(2 pi sqrt(det)), means, inverse covariance."""
     terms = np.empty_like(components)

@@ -15,7 +15,7 @@ from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.storage import DataError
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import LATE_STEPS, Tracks, clock_offsets, positions_at, runs, together, usable_tracks
+from modlhmp.tracks import LATE_STEPS, Tracks, clock_offsets, clock_time, positions_at, runs, together, usable_tracks
 
 HELD_OUT_DAYS, HELD_OUT_BLOCKS = 0.2, 0.15  # shares, of `held_out: blocks`
 BLOCK_S, LEAST_BLOCKS = 1800.0, 20  # blocks are shorter where there would be too few
@@ -70,8 +70,7 @@ def observed_scene(observed: Observed, step_s: float) -> tuple[np.ndarray, np.nd
 
 def whereabouts(origin: np.ndarray, t0: np.ndarray, timezone: str) -> np.ndarray:
     """`where` of `Scenes` from the origins [n, 2] in m and unix times [n] in s."""
-    hour = (t0 + clock_offsets(t0, timezone)) % 86400 / 3600
-    return np.column_stack([origin, hour]).astype(np.float32)
+    return np.column_stack([origin, clock_time(t0, timezone)]).astype(np.float32)
 
 
 def scenes_at(

@@ -18,7 +18,7 @@ from modlhmp.maps.density import NoMap
 from modlhmp.options import NeuralVelocityBuilding, RollOut
 from modlhmp.site import Site
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks, clock_offsets
+from modlhmp.tracks import Tracks, clock_time
 
 LEAST_PERSONS = 10
 
@@ -53,8 +53,8 @@ def _said(of, site, building):
     background = NoMap(tracks.speed).log_density(tracks.x, tracks.y, tracks.t, tracks.heading, tracks.speed)
     nodes, parts = _corners(np.concatenate([np.column_stack([tracks.x, tracks.y]), places]), building.cell_m)
     number, n = nodes.max() + 1, len(tracks.t)
-    hour = np.mod(tracks.t + clock_offsets(tracks.t, site.timezone), 86400.0) / 3600.0
-    columns = (parts[:n], net.clock_of(hour), tracks.heading, tracks.speed, background)
+    clock = net.clock_of(clock_time(tracks.t, site.timezone))
+    columns = (parts[:n], clock, tracks.heading, tracks.speed, background)
     rows = net.Rows(torch.from_numpy(nodes[:n]), *(torch.from_numpy(one.astype(np.float32)) for one in columns))
     sizes = {"features": building.features, "width": building.width, "components": building.components}
     network = net.train(rows, tracks.track_id, number, sizes, building.epochs, building.seed)

@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from modlhmp.kinds import find
 from modlhmp.logs import progress
-from modlhmp.maps.base import DAY, hour_files
+from modlhmp.maps.base import day_file, hour_files
 from modlhmp.maps.density import Density, NoMap, Source, load
 from modlhmp.maps.histogram import PLAIN, Bins, Counts, Level, histogram
 from modlhmp.methods import build_map
@@ -129,11 +129,6 @@ def clusters_of(person: np.ndarray, recording: np.ndarray, days: Sequence[str]) 
     return day[recording] if len(names) >= LEAST_DAYS else person
 
 
-def moving(tracks: Tracks) -> np.ndarray:
-    """Which rows have a velocity, bool [n]: a heading, and a speed above 0."""
-    return np.isfinite(tracks.heading) & np.isfinite(tracks.speed) & (tracks.speed > 0)
-
-
 def held_out(person: np.ndarray) -> np.ndarray:
     """Whether rows are of the persons held out, bool [n]; `person` [n] numbers them."""
     people = np.unique(person)
@@ -156,7 +151,7 @@ def measure(
     the background and what was `chosen`, both on the persons held out. `pairs`: paired differences of all maps with
     their backgrounds. Intervals are over `cluster`, which are persons or days.
     """
-    known, wanted = moving(training), moving(test)
+    known, wanted = training.moves(), test.moves()
     training, person, test, cluster = training.take(known), person[known], test.take(wanted), cluster[wanted]
     held = held_out(person)
     fit, tried = training.take(~held), training.take(held)
@@ -225,8 +220,7 @@ def _files(one: Mapped) -> tuple[Source | None, Mapping[int, Source]]:
     """The files of a map: that of the whole day, if there is one, and {hour: file}."""
     if not find(one.kind).hourly:
         return one.path, {}
-    day = Path(one.path, DAY)
-    return day if day.exists() else None, hour_files(one.path)
+    return day_file(one.path), hour_files(one.path)
 
 
 def _ask(asked: Mapping[str, Asked], no_map: NoMap, rows: Tracks) -> dict[str, Answers]:

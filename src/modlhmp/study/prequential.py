@@ -14,7 +14,7 @@ import pandas as pd
 from modlhmp.maps import density
 from modlhmp.scoring.ttests import mean_test
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks, clock_offsets
+from modlhmp.tracks import Tracks, clock_numbers
 from modlhmp.updates import UpdatedMap
 
 HALF_LIVES_H = {"half-life 1 h": 1.0, "half-life 3 h": 3.0, "half-life 12 h": 12.0}
@@ -33,7 +33,7 @@ def scores(tracks: Tracks, site: Site, half: np.ndarray | None = None) -> tuple[
     `high` [nat]. `half` [n] says which rows are of part 1; default: none. Tracks of several days have ids of their own.
     """
     half = np.zeros(len(tracks.t), bool) if half is None else half
-    hours, usable = clock_numbers(tracks.t, site.timezone), np.isfinite(tracks.heading) & (tracks.speed > 0)
+    hours, usable = clock_numbers(tracks.t, site.timezone), tracks.moves()
     maps = {NEVER: UpdatedMap("cliff", site), HISTORY: UpdatedMap("cliff", site)}
     maps |= {name: UpdatedMap("cliff", site, half_life_h) for name, half_life_h in HALF_LIVES_H.items()}
     rows: list[tuple[Any, ...]] = []
@@ -59,11 +59,6 @@ def scores(tracks: Tracks, site: Site, half: np.ndarray | None = None) -> tuple[
         speeds.append(people.speed)
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     return table, _overall(table, pd.concat(pooled) if pooled else None)
-
-
-def clock_numbers(t: np.ndarray, timezone: str) -> np.ndarray:
-    """Clock hours since 1970 [n] of unix times [s] at a place."""
-    return ((t + clock_offsets(t, timezone)) // 3600).astype(np.int64)
 
 
 def _log_density(one: UpdatedMap, site: Site, asked: tuple[np.ndarray, ...]) -> np.ndarray:

@@ -15,6 +15,7 @@ from modlhmp.maps.swgmm import (
     MAX_ITERATIONS,
     WINDINGS,
     add_statistics,
+    copy_row,
     floor_covariance,
     precompute,
     relative_densities,
@@ -51,20 +52,13 @@ def fit_cells(starts, bins, weights):
         if used + len(fitted) > len(found):
             grown = np.empty((2 * len(found) + MOST_COMPONENTS, 6))
             for j in range(used):
-                _copy_row(found, j, grown, j)
+                copy_row(found[j], grown[j])
             found = grown
         for j in range(len(fitted)):
-            _copy_row(fitted, j, found, used + j)
+            copy_row(fitted[j], found[used + j])
         used += len(fitted)
         first[c + 1] = used
     return first, found[:used].copy()
-
-
-@kernel
-def _copy_row(source, row, to, place):
-    """Copy a row of [n, 6]: numba takes many times as long to compile an assignment of slices."""
-    for i in range(6):
-        to[place, i] = source[row, i]
 
 
 @kernel
@@ -84,7 +78,7 @@ def _fit(bins, weights):
         heavy, kept = np.empty((kept, 6)), 0
         for j in range(len(components)):
             if components[j, 0] * total >= 1.0:
-                _copy_row(components, j, heavy, kept)
+                copy_row(components[j], heavy[kept])
                 kept += 1
         _normalise(heavy)
         components = heavy
@@ -109,7 +103,7 @@ def _by_weight(components):
         for other in range(len(components)):
             heavier = components[other, 0] - components[j, 0]
             place += heavier > 0.0 or (heavier == 0.0 and other < j)
-        _copy_row(components, j, ordered, place)
+        copy_row(components[j], ordered[place])
     return ordered
 
 
@@ -260,7 +254,7 @@ def _em(heading, speed, weights, components):
         log_likelihood = _shares(heading, speed, weights, terms, windings, share)
         if log_likelihood < before and factor > 1.0:  # too far: back to where EM would have gone
             for j in range(m):
-                _copy_row(stepped, j, components, j)
+                copy_row(stepped[j], components[j])
             factor = 1.0
             continue
         if iteration == MAX_ITERATIONS or log_likelihood - before <= TOLERANCE * total:

@@ -50,7 +50,7 @@ class CountedCliff(Counted):
         """See `Counted`; only mixtures of locations whose counts changed since the last time are fitted."""
         if self.kind == "cliff":
             return self._table(None), {}
-        hours = sorted({number % self.per_day for number in self.slots})
+        hours = self.site.listed_hours or sorted({number % self.per_day for number in self.slots})
         tables = {hour: self._table(hour) for hour in hours}
         return self._table(None), {hour: table for hour, table in tables.items() if table.num_rows}
 

@@ -53,7 +53,7 @@ class Counted:
     @staticmethod
     def used(tracks: Tracks) -> np.ndarray:
         """Which rows count: those that move."""
-        return np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
+        return tracks.moves()
 
     def code(self, tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
         """(row [m], code [m]) of what rows add one to."""

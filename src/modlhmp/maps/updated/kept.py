@@ -18,11 +18,11 @@ import pyarrow as pa
 from modlhmp.maps import episodes, exits, snippets
 from modlhmp.maps.base import EDGE_M
 from modlhmp.maps.pieces import resample
-from modlhmp.maps.updated.slots import DAY_S, Update, day_number, day_text
+from modlhmp.maps.updated.slots import Update, day_number, day_text
 from modlhmp.site import Site
 from modlhmp.storage import DataError, column
 from modlhmp.streams import row_keys, uniform_of
-from modlhmp.tracks import Tracks, clock_offsets, gap_limit, usable_tracks
+from modlhmp.tracks import Tracks, clock_numbers, gap_limit, usable_tracks
 
 COLUMNS = ("recording", "track_id", "t", "x", "y")
 SAME_M = 0.001  # what two rows of one person and time may differ by
@@ -152,7 +152,7 @@ class Kept:
 
     def _hours(self, t):
         """Clock hours since 1970 [n] of the place."""
-        return ((t + clock_offsets(t, self.site.timezone)) * 24 // DAY_S).astype(np.int64)
+        return clock_numbers(t, self.site.timezone)
 
     def _weights(self, t):
         """What times count now: halved by the hours before the map's newest."""

@@ -30,7 +30,7 @@ class CountedStef(Counted):
     @staticmethod
     def used(tracks: Tracks) -> np.ndarray:
         """See `Counted`: all that have a heading and are not known to stand."""
-        return np.isfinite(tracks.heading) & (tracks.speed != 0.0)
+        return stef.used(tracks)
 
     def code(self, tracks: Tracks) -> tuple[np.ndarray, np.ndarray]:
         """See `Counted`: the cell and the direction."""

@@ -181,8 +181,7 @@ def _people_of(crowd, places_xy, radius, components, first, number):
     from scipy.spatial import cKDTree  # noqa: PLC0415 - only this needs it
 
     tracks = crowd.tracks
-    moving = np.isfinite(tracks.speed) & np.isfinite(tracks.heading) & (tracks.speed != 0.0)
-    crowd = crowd.take(moving)
+    crowd = crowd.take(tracks.moves())
     tracks = crowd.tracks
     if not len(tracks.t) or not len(first):
         return np.zeros(len(first), np.int64), np.zeros(len(components), np.int64)
