@@ -274,7 +274,7 @@ def test_compare_equals_the_loop(days):
         assert line.n_unknown == len(unknown & both) > 0
     for protocol in PROTOCOLS:  # one family of tests per dataset and protocol, for each side
         family = table[table["protocol"] == protocol]
-        for side in ("p", "p_greater"):
+        for side in ("p", "p_greater", "p_known", "p_greater_known"):
             np.testing.assert_allclose(family[f"{side}_holm"], twins.holm(family[side].tolist()), rtol=1e-12)
 
 

@@ -364,13 +364,15 @@ def test_probabilities_that_come_true_are_reliable():
     bins = reliability(probability, (rng.uniform(0, 1, 20_000) < probability).astype(float))
     assert len(bins) == 10
     np.testing.assert_allclose(bins["forecast"], np.arange(10) / 10 + 0.05, atol=0.01)
-    assert (abs(bins["outcome"] - bins["forecast"]) < 4 * bins["standard_error"]).all()
+    assert (abs(bins["outcome"] - bins["forecast"]) < 2 * (bins["high"] - bins["outcome"])).all()
 
 
 def test_bins_by_hand():
     bins = reliability(np.array([0.0, 0.05, 0.95, 1.0, 0.31]), np.array([0.0, 1.0, 1.0, 1.0, 0.0]))
     assert bins[["bin", "outcome", "n"]].to_numpy().tolist() == [[1, 0.5, 2], [4, 0, 1], [10, 1, 2]]
-    assert bins["standard_error"].round(6).tolist()[0] == 0.5
+    reach = np.tan(0.475 * np.pi) / 2  # Student's t of one degree of freedom is Cauchy's
+    np.testing.assert_allclose(bins[["low", "high"]].iloc[0], [0.5 - reach, 0.5 + reach])
+    assert bins[["low", "high"]].iloc[1:].isna().all(axis=None)  # one track, and two that are alike
     few = calibration(np.array([3.0, 1.0, np.nan, 2.0]), np.array([30.0, 10.0, 5.0, np.nan]))
     assert few[["forecast", "outcome", "n"]].to_numpy().tolist() == [[1, 10, 1], [3, 30, 1]]
 

@@ -199,6 +199,91 @@ def test_a_verdict_that_rests_on_tracks_without_a_forecast_says_so():
     assert row["not forecast"] == 40
 
 
+def test_tests_of_the_claims_own_count_who_could_not_be_forecast():
+    """Each rests on 40 of 200 tracks that one side could not forecast, or is the same without them."""
+    held = np.arange(200) < 40
+
+    def unforeseen(errors, by, what="ade"):
+        noise = np.random.default_rng(9).normal(0, 0.01, (1, 200, 1))
+        shift = np.where(held[None, :, None], by, noise)
+        return {key: one._replace(**{what: getattr(one, what) + shift}, unknown=held) for key, one in errors.items()}
+
+    same = errors_of([1, 2, 4, 8])
+    lstm = unforeseen(errors_of([1, 2, 4, 8], ("single",)), -3.0, "fde")
+    errors = {**evidence().errors, "tc_cliff": same, "lstm": lstm}
+    radius = {1: same, 0.5: unforeseen(same, 3.0), 3: unforeseen(errors_of([1, 2, 4, 9]), 1.0)}
+    known = {
+        "errors": errors,
+        "studies": {"sampling_radius_m": radius},
+        "dataset": dataclasses.replace(HALL, label="x"),
+    }
+    table = claims.test_claims([evidence(**known, idle=frozenset(same["mean", "paper"].keys[:60]))], TITLES, KINDS)
+    assert verdicts(table, "r_s = 1 < r_s = 0.5") == {"supported only by tracks that one side could not forecast"}
+    assert verdicts(table, "r_s = 1 < r_s = 3") == {"supported"}
+    assert verdicts(table, "those who idle") == {"supported only by tracks that one side could not forecast"}
+    for text in ("r_s = 1 <", "those who idle", "0.5 × LSTM"):
+        assert set(table[table["our test"].str.contains(text, regex=False)]["not forecast"]) == {40}
+
+
+def test_what_is_known_needs_the_same_corrected_p():
+    """A p of 0.04 without the tracks that one side could not forecast is none among many tests."""
+    one = evidence()
+    one = one._replace(tests=one.tests.assign(n_unknown=3, p_known=0.04, p_known_holm=0.5))
+    assert verdicts(claims.test_claims([one], TITLES, KINDS), "ADE TC-CLiFF < CLiFF, 60 s") == {
+        "supported only by tracks that one side could not forecast"
+    }
+
+
+@pytest.mark.parametrize(
+    ("apart", "persons", "said"),
+    [
+        (1.0, 200, "the difference does not vary: not tested"),
+        (0.0, 200, "no difference"),
+        (1e-9, 200, "no difference"),
+        (1.0, 1, "too few tracks"),
+        (0.0, 1, "too few tracks"),
+    ],
+)
+def test_without_a_p_the_verdict_says_why(apart, persons, said):
+    """Both in the table of t-tests and where the claims test themselves: a share of 0 against one of 1."""
+    person = np.array([f"day/{n % persons}" for n in range(200)])
+    ours, theirs = (
+        {
+            (output, protocol): one._replace(
+                ade=np.ones_like(one.ade) + more, infeasible=np.zeros_like(one.ade) + more, person=person
+            )
+            for (output, protocol), one in errors_of([1, 1, 1, 1], ("single",)).items()
+        }
+        for more in (0.0, apart)
+    )
+    study = {1: ours, 3: theirs}
+    hall = dataclasses.replace(HALL, floor_plan=("a", "b"))
+    known = evidence(dataset=hall, errors={"tc_cliff": ours, "lstm": theirs}, studies={"sampling_radius_m": study})
+    table = claims.test_claims([known], TITLES, KINDS)
+    if apart != 1e-9:  # of shares of 0 and 1e-9 the one is not the other's rounding
+        assert verdicts(table, "share into walls TC-CLiFF < LSTM") == {said}
+    for text in ("ADE TC-CLiFF < LSTM, 60 s", "r_s = 1 < r_s = 3"):
+        assert verdicts(table, text) == {said}
+
+
+def test_a_pair_is_tested_once():
+    """0.5 is both the lowest β and one below 1."""
+    study = {value: errors_of([1, 2, 4, 8], seed=int(10 * value)) for value in (0.5, 1)}
+    table = claims.test_claims([evidence(studies={"beta": study})], TITLES, KINDS)
+    assert table["our test"].str.contains("β = 0.5 < β = 1,").sum() == 2  # protocols
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_ranking_is_tc_cliff_s_whatever_stands_before_it(own):
+    """A variant without a ranking is named first; without TC-CLiFF's own ranking nothing is tested."""
+    middle = errors_of([1, 2, 4, 8], ("median", "mean"))
+    errors = {"tc_middle": middle, "tc_cliff": errors_of([1, 2, 4, 8]) if own else middle}
+    titles, kinds = {**TITLES, "tc_middle": "Median"}, {**KINDS, "tc_middle": "tc_cliff"}
+    table = claims.test_claims([evidence(errors=errors)], titles, kinds)
+    assert table["our test"].str.contains("ADE ranked < mean").sum() == 2 * own
+    assert (verdicts(table, "needs TC-CLiFF with ranked") == {"not tested"}) != own
+
+
 def test_the_paper_s_p_belongs_to_equal_or_higher():
     """The factor of two is a claim of its own, without that p."""
     errors = {**evidence().errors, "lstm": errors_of([1, 1.8, 9, 14], ("single",), seed=4)}
@@ -209,17 +294,21 @@ def test_the_paper_s_p_belongs_to_equal_or_higher():
 
 
 def test_claims_are_about_the_paper_s_methods_and_no_variants():
-    """A network whose scenes are not turned is not the paper's."""
-    kinds = {**KINDS, "lstm_axes": "lstm", "tc_clean": "tc_cliff"}
-    titles = {**TITLES, "lstm_axes": "LSTM, not turned", "tc_clean": "TC-CLiFF, positions"}
+    """A network whose scenes are not turned is not the paper's; that maps keep out of walls is said beside networks."""
+    kinds = {**KINDS, "lstm_axes": "lstm", "tc_clean": "tc_cliff", "line": "cvm"}
+    titles = {**TITLES, "lstm_axes": "LSTM, not turned", "tc_clean": "TC-CLiFF, positions", "line": "CVM, positions"}
     assert not [pair for pair in claims.claimed_pairs(kinds) if {"lstm_axes", "tc_clean"} & set(pair)]
     errors = {**evidence().errors, "lstm": errors_of([1, 2, 9, 18], ("single",), seed=4)}
-    errors |= {"lstm_axes": errors["lstm"], "tc_clean": errors["tc_cliff"]}
-    forum = dataclasses.replace(HALL, label="edin")
-    table = pd.concat(
-        claims.test_claims([evidence(errors=errors, dataset=one)], titles, kinds) for one in (HALL, forum)
-    )
+    errors |= {"lstm_axes": errors["lstm"], "tc_clean": errors["tc_cliff"], "line": errors["cvm"]}
+    errors = {
+        name: {key: one._replace(infeasible=one.ade) for key, one in outputs.items()}
+        for name, outputs in errors.items()
+    }
+    places = HALL, dataclasses.replace(HALL, label="edin"), dataclasses.replace(HALL, floor_plan=("plan",))
+    table = pd.concat(claims.test_claims([evidence(errors=errors, dataset=one)], titles, kinds) for one in places)
     assert table["our test"].str.contains("LSTM").any()
+    walls = table["our test"].str.contains("walls")
+    assert walls.sum() == 6 and table["our test"][walls].str.contains("< LSTM").all()  # three maps, two protocols
     assert not table["our test"].str.contains("not turned|positions").any()
 
 

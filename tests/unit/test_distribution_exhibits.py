@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+from scipy import stats
 
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.uncertainty import MEASURES
@@ -17,8 +18,11 @@ METHODS = {"cvm": "CVM", "snippets": "Snippets", "tc_cliff": "TC-CLiFF"}
 MEASURED = ["snippets", "tc_cliff"]
 
 
-def write_measures(layout, method, horizons=(4.0, 12.0), tracks=60, factor=1.0, known=True):
-    """A file of one seed: track n expects an error of n / 10 m and errs by `factor` times that; the odd ones left."""
+def write_measures(layout, method, horizons=(4.0, 12.0), tracks=60, factor=1.0, known=True, days=1):
+    """A file of one seed: track n expects an error of n / 10 m and errs by `factor` times that; the odd ones left.
+
+    It is of recording "day0", or of n % `days`.
+    """
     n = np.arange(tracks, dtype=np.float32)
     values = dict.fromkeys(MEASURES, n / 10 * factor) | {"expected_m": n / 10, "samples": n * 0 + 40}
     has_left = n % 2
@@ -30,7 +34,14 @@ def write_measures(layout, method, horizons=(4.0, 12.0), tracks=60, factor=1.0, 
         )
         for name, one in values.items()
     }
-    table = pa.table({"recording": ["day"] * tracks, "track_id": n.astype(int), "seed": n.astype(int) * 0, **lists})
+    table = pa.table(
+        {
+            "recording": [f"day{one % days}" for one in range(tracks)],
+            "track_id": n.astype(int),
+            "seed": n.astype(int) * 0,
+            **lists,
+        }
+    )
     write_parquet(table, layout.uncertainty("hall", method), horizons_s=list(horizons))
 
 
@@ -101,7 +112,7 @@ def test_calibration_holds_its_bins(layout, tmp_path):
     """All methods and horizons: ten bins of three tracks, twice too sure for the second; probabilities beside them."""
     write_measures(layout, "snippets")
     write_measures(layout, "tc_cliff", factor=2.0)
-    calibration.draw(layout, [HALL], str(tmp_path / "f"), METHODS, MEASURED)
+    calibration.draw(layout, [HALL], str(tmp_path / "f"), METHODS, MEASURED, {"hall": {"day0": "2030-01-01"}})
     table = pd.read_csv(tmp_path / "f.csv")
     assert table.groupby(["what", "method", "horizon_s"]).size().tolist() == [10] * 8
     errors = table[table["what"] == "error"]
@@ -112,6 +123,21 @@ def test_calibration_holds_its_bins(layout, tmp_path):
     left = table[table["what"] == "left"]
     assert set(left["n"]) == {6}
     np.testing.assert_allclose(left["outcome"], 0.5)
+
+
+def test_calibration_is_as_sure_as_its_days_are_many(layout, tmp_path):
+    """Of six days the intervals are those of six clusters, of one day those of the persons."""
+    write_measures(layout, "snippets", tracks=600, days=6)
+    days = {f"day{n}": f"2030-01-0{n + 1}" for n in range(6)}
+    by_day = calibration.bins_of(layout, HALL, ["snippets"], days)
+    by_person = calibration.bins_of(layout, HALL, ["snippets"], dict.fromkeys(days, "2030-01-01"))
+    same = ["what", "method", "horizon_s", "bin", "forecast", "outcome", "n"]
+    pd.testing.assert_frame_equal(by_day[same], by_person[same])
+    at = (by_day["what"] == "left") & (by_day["bin"] == 2) & (by_day["horizon_s"] == 4)
+    left = np.arange(60, 120) % 2  # ten tracks of each day; who walked on an odd one has left
+    for bins, outcome in ((by_day, np.arange(6) % 2), (by_person, left)):
+        interval = stats.ttest_1samp(outcome, 0).confidence_interval()
+        np.testing.assert_allclose(bins.loc[at, ["low", "high"]].iloc[0], interval)
 
 
 def test_the_longest_horizon_and_one_near_a_third_are_shown():
@@ -127,7 +153,7 @@ def test_calibration_of_one_horizon_or_of_nobody(layout, tmp_path, known):
     seen = []
     calibration.style.empty_panel, kept = (lambda ax, text: seen.append(text)), calibration.style.empty_panel
     try:
-        calibration.draw(layout, [HALL], str(tmp_path / "f"), METHODS, ["snippets"])
+        calibration.draw(layout, [HALL], str(tmp_path / "f"), METHODS, ["snippets"], {"hall": {"day0": "2030-01-01"}})
     finally:
         calibration.style.empty_panel = kept
     assert seen == ([] if known else ["Hall, 12 s\nno test track is as long"])

@@ -13,6 +13,7 @@ import yaml
 
 from modlhmp.study.configuration import load_datasets, load_run
 from modlhmp.study.exhibits import EXHIBITS
+from modlhmp.study.exhibits.words import SEED_MEANS
 from modlhmp.study.layout import Layout
 from modlhmp.study.plan import Plan
 
@@ -142,7 +143,7 @@ def test_captions_say_what_the_run_says():
     """Numbers of the configuration, and titles of its methods."""
     plan = plan_of(seeds=[0, 1, 2], studies={"max_tracks": 77})
     captions = {exhibit.name: exhibit.caption_in(plan) for exhibit in EXHIBITS}
-    assert "over 3 seeds" in captions["tab_expres"]
+    assert f"{SEED_MEANS}, over 3 seeds" in captions["tab_expres"]
     assert "At most 77 test tracks" in captions["parameter-{label}"]
     assert captions["parameter-{label}"].startswith("ADE of TC-CLiFF ")
 

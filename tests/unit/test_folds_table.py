@@ -11,6 +11,7 @@ from test_study_figures import HALL, write_errors
 from modlhmp.file_format import Recording
 from modlhmp.study.exhibits import folds_table
 from modlhmp.study.exhibits.folds_table import pooled
+from modlhmp.study.ladder import scores
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import read_errors, summarise
 
@@ -55,10 +56,8 @@ def test_folds_together_are_one_dataset(layout, parts):
 
 def test_a_row_says_errors_n_and_difference(layout, parts, tmp_path):
     stem = str(tmp_path / "folds")
-    days, horizons = (
-        dict.fromkeys(["day-fold-1", "day-fold-2"], "2030-01-01"),
-        {part.name: [1.0, 4.0] for part in parts},
-    )
+    days = {f"hall-{n}": {f"day-fold-{n}": "2030-01-01"} for n in (1, 2)}
+    horizons = {part.name: [1.0, 4.0] for part in parts}
     folds_table.draw(layout, parts, stem, TITLES, "tc", horizons, days)
     table = pd.read_csv(f"{stem}.csv").set_index("method")
     assert list(table.columns) == ["dataset", "1 s", "4 s", "paper protocol, the longest horizon"]
@@ -67,3 +66,18 @@ def test_a_row_says_errors_n_and_difference(layout, parts, tmp_path):
     assert table.loc["Neural map", "4 s"].startswith("4.75 / 4.75 (n 20); -3.25 (")
     assert table.loc["Neural map", "paper protocol, the longest horizon"] == "4.75 / 4.75 (20/20)"
     assert "TC-CLiFF" in Path(f"{stem}.md").read_text(encoding="utf-8")
+
+
+def test_days_are_those_of_the_dataset(tmp_path, monkeypatch):
+    """Two datasets whose recordings are called alike, of other days each."""
+    layout, seen = Layout("folds", str(tmp_path)), []
+    names = [f"r{n}" for n in range(6)]
+    recordings = tuple(Recording(name=name, split="test") for name in names)
+    halls = [replace(HALL, name=name, label=name, fold_of=name, recordings=recordings) for name in ("one", "two")]
+    for hall in halls:
+        for method in TITLES:
+            write_errors(layout.errors(hall.name, method), 1.0, 8, 3, "r0")
+    days = {hall.name: {name: f"{hall.name} {n}" for n, name in enumerate(names)} for hall in halls}
+    monkeypatch.setattr(folds_table, "scores", lambda *known: seen.append(known[-1]) or scores(*known))
+    folds_table.draw(layout, halls, str(tmp_path / "folds"), TITLES, "tc", {one.name: [1.0] for one in halls}, days)
+    assert seen == [days["one"], days["two"]]

@@ -144,7 +144,7 @@ def test_verdicts_count_every_test():
     told = [("complete", "supported"), ("complete", "supported only by tracks that one side could not forecast"),
             ("paper", "contradicted"), ("", "counted, not tested"), ("", "ours is smaller")]  # fmt: skip
     found = facts.verdicts(pd.DataFrame(told, columns=["protocol", "verdict"]))
-    assert found["supported"] == {"complete": 2, "paper": 0, "": 0}
+    assert found["supported"] == found[told[1][1]] == {"complete": 1, "paper": 0, "": 0}
     assert found["contradicted"]["paper"] == 1 and found["another"][""] == 2
     assert sum(sum(one.values()) for one in found.values()) == len(told)
 
@@ -156,6 +156,20 @@ def test_nothing_scored_is_said():
     said = facts.limits(YARD, DAYS, none, {"evaluate_on": "test"})
     assert any("No test track is long enough" in one for one in said)
     assert any("same day (2020-01-06)" in one for one in said)
+
+
+def test_who_scores_nobody_scores_fewest():
+    rows = [(YARD.name, method, "single", protocol, 5.0, ade, ade, n, 10)
+            for protocol in ("paper", "complete")
+            for method, ade, n in (("a", 1.0, 9), ("b", 2.0, 10), ("c", np.nan, 0))]  # fmt: skip
+    columns = ["dataset", "method", "output", "protocol", "horizon_s", "ade_m", "fde_m", "n", "eligible"]
+    longer = [(*row[:4], 10.0, np.nan, np.nan, 0, 0) for row in rows]
+    methods = [{"name": name, "title": name.upper(), "kind": "cvm"} for name in "abc"]
+    found = facts.best(pd.DataFrame(rows + longer, columns=columns), YARD, methods)
+    assert found["horizon"] == 5
+    assert [found["paper"][what]["title"] for what in ("best", "constant", "fewest")] == ["A", "A", "C"]
+    said = facts.limits(YARD, DAYS, found, {"evaluate_on": "test"})
+    assert any("the paper protocol scores as few as 0 tracks (C)" in one for one in said)
 
 
 def test_the_graph_has_every_rule_and_no_shortcut():

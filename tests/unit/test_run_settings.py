@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import os
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -733,6 +734,16 @@ def test_exhibits_of_two_datasets_do_not_overwrite_each_other(config):
     run = load({**config, "run": "two", "datasets": ["atc", "atc_1day"]})
     with pytest.raises(DataError, match="datasets atc, atc_1day: their exhibits carry the same `label`"):
         load_datasets(run, DATASETS, "nowhere", "demo")
+
+
+def test_columns_of_two_datasets_do_not_overwrite_each_other(config, config_folder, tmp_path):
+    """Tables have a column for a title, and tests of one are corrected together."""
+    text = (config_folder / "datasets/demo_hall.yaml").read_text()
+    for name in ("mine", "other"):
+        (tmp_path / f"{name}.yaml").write_text(re.sub("(?m)^label: .*", f"label: {name}", text))
+    run = load_run({**config, "datasets": ["mine", "other"]}, tmp_path)
+    with pytest.raises(DataError, match="mine, other: their rows and columns of tables carry the same `title`"):
+        load_datasets(run, tmp_path, "nowhere", "demo")
 
 
 def test_the_demo_s_name_is_the_demo_s(config):

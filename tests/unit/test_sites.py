@@ -176,6 +176,22 @@ def test_what_a_site_lacks_is_a_dash_with_its_reason(tmp_path):
     assert "| complete | 10 | ADE | map | 1 | 1.000 | 10 / 12 | -1.000 † 1 | – |" in text
 
 
+def test_a_difference_says_of_how_many_sites_it_is(tmp_path):
+    """Two of three sites have tracks that both scored; the third is named with its reason."""
+    found = {name: of_site(name, {"cvm": 2.0, "map": ade}) for name, ade in (("a", 1.0), ("b", 1.5))}
+    found["c"] = of_site("c", {"cvm": 2.0, "map": np.nan}).assign(mean_m=9.0, why="no track that cvm scored, too")
+    table, _ = gather(found, "cvm")
+    row = line(table, "map")
+    assert (row.sites, row.sites_paired, row.left_out) == (3, 2, "")
+    assert row.not_paired == "c: no track that cvm scored, too"
+    assert line(table, "cvm").not_paired == ""
+    write_sites(found, "cvm", str(tmp_path), demo=False)
+    text = (tmp_path / "sites.md").read_text()
+    assert text.count("(2 sites)") == 4  # protocols and metrics
+    assert "## In the means, not in the differences" in text
+    assert "| complete | 5.0 | map | c: no track that cvm scored, too |" in text
+
+
 def test_no_forecast_scored_is_no_number():
     nothing = of_site("a", {"cvm": np.nan, "map": np.nan}, n=0)
     assert line(nothing, "map").why == "no forecast is scored"

@@ -64,6 +64,7 @@ def test_pictures_of_maps_come_before_what_takes_long(jobs):
                 *("compare_methods", "table_ttests", "table_claims", "climb_ladder", "table_ladder", "figure_ladder"),
                 *("measure_likelihood", "table_likelihood", "figure_likelihood"),
                 *("measure_given", "table_likelihood_given", "figure_prequential"),
+                *("table_uncertainty", "figure_calibration"),
             },
         ),
         ("study.readings", {"read_protocol", "table_readings"}),

@@ -11,11 +11,12 @@ import numpy as np
 from modlhmp.kinds import find
 from modlhmp.scoring.errors import seed_mean
 from modlhmp.scoring.protocols import PROTOCOLS
-from modlhmp.scoring.ttests import groups_test, paired_test
+from modlhmp.scoring.ttests import SAME, groups_test, paired_test
 from modlhmp.study import lacks
-from modlhmp.study.comparisons import main_errors, side_by_side, tracks_of
+from modlhmp.study.comparisons import main_errors, side_by_side, tracks_of, with_known
 from modlhmp.study.published import MAP_KB, MEMORY_MB, PERCENTILE_S, SECONDS_PER_TRACK, SHORT_S
 
+CONSTANT = "the difference does not vary: not tested"
 NO_RUNTIME = "needs the runtime study (snakemake runtime) and the paper's number"
 
 
@@ -58,7 +59,7 @@ def _half(one, titles, kinds):
         for protocol in PROTOCOLS:
             both, column = _pair(one, "tc_cliff", learned, protocol, "ade"), one.horizons.index(one.dataset.horizon_s)
             text = f"ADE {titles['tc_cliff']} < 0.5 × {titles[learned]}, {one.dataset.horizon_s:g} s"
-            yield _paired(protocol, text, both.ours[:, :, column], 0.5 * both.theirs[:, :, column], both.cluster)
+            yield _paired(protocol, text, both, both.ours[:, :, column], 0.5 * both.theirs[:, :, column])
     yield from _if_none(one, kinds)
 
 
@@ -79,32 +80,31 @@ def _idling(one, titles, kinds):
                 both, column = _pair(one, learned, "tc_cliff", protocol, "fde"), one.horizons.index(longest)
                 gain, idle = (both.ours - both.theirs)[:, :, column], np.isin(tracks_of(both.keys), list(one.idle))
                 text = f"FDE {titles[learned]} - {titles['tc_cliff']}, {longest:g} s: those who idle < the others"
-                yield _groups(protocol, text, gain, idle, both.cluster)
+                yield _groups(protocol, text, both, gain, idle)
     yield from _if_none(one, kinds)
 
 
-def _ranking(one, titles, kinds):
-    method = next((m for m in one.errors if kinds[m] == "tc_cliff"), None)
-    if method is None:
-        yield _row("", "needs TC-CLiFF among the compared methods", "", verdict="not tested")
+def _ranking(one, _titles, _kinds):
+    outputs = one.errors.get("tc_cliff", {})
+    if not {(output, protocol) for output in ("ranked", "mean") for protocol in PROTOCOLS} <= set(outputs):
+        yield _row("", "needs TC-CLiFF with ranked futures among the compared methods", "", verdict="not tested")
         return
     longest = one.dataset.horizon_s
     half = max((h for h in one.horizons if h <= longest / 2), default=longest)  # of a single step there is none
     last, middle = one.horizons.index(longest), one.horizons.index(half)
     for protocol in PROTOCOLS:
-        ranked, mean = (one.errors[method][output, protocol] for output in ("ranked", "mean"))
-        both = side_by_side(ranked, mean, "ade", one.days)
+        both = side_by_side(outputs["ranked", protocol], outputs["mean", protocol], "ade", one.days)
         gain = both.ours - both.theirs
         texts = f"ADE ranked < mean of the k, {longest:g} s", f"gain at {longest:g} s > gain at {half:g} s"
-        yield _paired(protocol, texts[0], both.ours[:, :, last], both.theirs[:, :, last], both.cluster)
-        yield _paired(protocol, texts[1], gain[:, :, last], gain[:, :, middle], both.cluster)
+        yield _paired(protocol, texts[0], both, both.ours[:, :, last], both.theirs[:, :, last])
+        yield _paired(protocol, texts[1], both, gain[:, :, last], gain[:, :, middle])
 
 
 def _beta(one, _titles, _kinds):
     values = sorted(one.studies.get("beta", {}))
     pairs = [(values[0], values[-1])] if len(values) > 1 else []
     pairs += [(low, 1) for low in values if low < 1] if 1 in values else []
-    yield from _study(one, "beta", pairs, "β")
+    yield from _study(one, "beta", list(dict.fromkeys(pairs)), "β")
 
 
 def _radius(one, _titles, _kinds):
@@ -118,11 +118,11 @@ def _walls(one, titles, kinds):
         return
     longest = one.dataset.horizon_s
     for ours in (method for method in ("tc_cliff", "cliff", "stef") if method in one.errors):
-        for theirs in [*_learned(one, kinds), *(m for m in one.errors if kinds[m] == "cvm")]:
+        for theirs in _learned(one, kinds):
             for protocol in PROTOCOLS:
                 both, column = _pair(one, ours, theirs, protocol, "infeasible"), one.horizons.index(longest)
                 text = f"share into walls {titles[ours]} < {titles[theirs]}, {longest:g} s"
-                yield _paired(protocol, text, both.ours[:, :, column], both.theirs[:, :, column], both.cluster)
+                yield _paired(protocol, text, both, both.ours[:, :, column], both.theirs[:, :, column])
     yield from _if_none(one, kinds)
 
 
@@ -206,11 +206,12 @@ def _looked_up(protocol, text, found, swapped):
     if swapped:
         sides, ends, means, sign = sides[::-1], ends[::-1], means[::-1], -1.0
     low, high = (sign * found[name] for name in ends)
-    measured = "{:.3f} against {:.3f}".format(*(found[name] for name in means)) if found["n"] else ""
+    values = [found[name] for name in means]
+    measured = "{:.3f} against {:.3f}".format(*values) if found["n"] else ""
     corrected = {"p Holm": found[f"{sides[0]}_holm"], "p Holm, opposite": found[f"{sides[1]}_holm"]}
-    known = {"_known": found[f"{sides[0]}_known"], "_opposite_known": found[f"{sides[1]}_known"]}
+    known = {"_known": found[f"{sides[0]}_known_holm"], "_opposite_known": found[f"{sides[1]}_known_holm"]}
     return {
-        **_row(protocol, text, measured, _untested(found["p"], found["n"])), **corrected, **known,
+        **_row(protocol, text, measured, _untested(found["p"], found["clusters"], values)), **corrected, **known,
         **_numbers(found["n"], found["clusters"], sign * found["mean_difference_m"], low, high, found[sides[0]]),
         "not forecast": found["n_unknown"],
     }  # fmt: skip
@@ -227,7 +228,7 @@ def _study(one, parameter, pairs, symbol):
             first, second = (main_errors(one.studies[parameter][value], protocol) for value in values)
             both = side_by_side(first, second, "ade", one.days)
             text = f"ADE {symbol} = {values[0]:g} < {symbol} = {values[1]:g}, {one.dataset.horizon_s:g} s"
-            yield _paired(protocol, text, both.ours[:, :, last], both.theirs[:, :, last], both.cluster)
+            yield _paired(protocol, text, both, both.ours[:, :, last], both.theirs[:, :, last])
 
 
 def _pair(one, ours, theirs, protocol, metric):
@@ -242,31 +243,33 @@ def _means(one, ours, theirs, protocol, metric, horizon):
     return [float(seed_mean(part[:, :, column])) for part in (both.ours, both.theirs)]
 
 
-def _paired(protocol, text, ours, theirs, cluster):
-    """A row with the paired test of ours < theirs, [seeds, tracks]."""
-    test = paired_test(ours, theirs, cluster)
-    both = np.isfinite(ours) & np.isfinite(theirs)
-    means = [float(seed_mean(np.where(both, part, np.nan))) for part in (ours, theirs)]
-    measured = "{:.3f} against {:.3f}".format(*means) if test.n else ""
-    return _of_test(protocol, text, measured, test)
+def _paired(protocol, text, both, ours, theirs):
+    """A row with the paired test of ours < theirs, [seeds, tracks] of the tracks of `both`."""
+    scored = np.isfinite(ours) & np.isfinite(theirs)
+    tests = with_known(paired_test, both.unknown, scored.any(axis=0), ours, theirs, both.cluster)
+    means = [float(seed_mean(np.where(scored, part, np.nan))) for part in (ours, theirs)]
+    return _of_tests(protocol, text, "{:.3f} against {:.3f}".format(*means) if tests[0].n else "", means, *tests)
 
 
-def _groups(protocol, text, values, first, cluster):
-    """A row with the test of mean(first) < mean(the others), of different tracks."""
+def _groups(protocol, text, both, values, first):
+    """A row with the test of mean(first) < mean(others), of different tracks of `both`; `values` [seeds, tracks]."""
     scored = np.isfinite(values).any(axis=0)
     sizes = [int((scored & group).sum()) for group in (first, ~first)]
     if min(sizes) < 2:
         return _row(protocol, text, f"{sizes[0]} and {sizes[1]} tracks", str(lacks.TOO_FEW))
-    test = groups_test(values, first, ~first, cluster)
+    tests = with_known(groups_test, both.unknown, scored, values, first, ~first, both.cluster)
     means = [float(seed_mean(values[:, group])) for group in (first, ~first)]
     measured = f"{means[0]:.3f} (n {sizes[0]}) against {means[1]:.3f} (n {sizes[1]})"
-    return _of_test(protocol, text, measured, test)
+    return _of_tests(protocol, text, measured, means, *tests)
 
 
-def _of_test(protocol, text, measured, test):
-    """A row of a test that is made here."""
-    numbers = _numbers(test.n, test.clusters, test.mean, test.low, test.high, test.p)
-    return {**_row(protocol, text, measured, _untested(test.p, test.n)), **numbers, "_opposite": test.p_greater}
+def _of_tests(protocol, text, measured, means, test, unknown, known):
+    """A row of a test that is made here; the last three as of `with_known`."""
+    return {
+        **_row(protocol, text, measured, _untested(test.p, test.clusters, means)),
+        **_numbers(test.n, test.clusters, test.mean, test.low, test.high, test.p), "not forecast": unknown,
+        "_opposite": test.p_greater, "_known": known.p, "_opposite_known": known.p_greater,
+    }  # fmt: skip
 
 
 def _numbers(n, clusters, mean, low, high, p):
@@ -274,9 +277,13 @@ def _numbers(n, clusters, mean, low, high, p):
     return {"n": n, "clusters": clusters, "mean difference": mean, "95 % CI": interval, "p": p}
 
 
-def _untested(p, n):
+def _untested(p, clusters, means):
     """What is said instead of a verdict where there is no p."""
-    return "" if np.isfinite(p) else ("no difference" if n > 1 else str(lacks.TOO_FEW))
+    if np.isfinite(p):
+        return ""
+    if clusters < 2:
+        return str(lacks.TOO_FEW)
+    return "no difference" if abs(means[0] - means[1]) <= SAME * max(map(abs, means)) else CONSTANT
 
 
 def _row(protocol, text, measured, verdict=""):

@@ -23,6 +23,7 @@ from modlhmp.tracks import Tracks
 
 ALL = ("atc", "edin")
 ALPHA = 0.05
+WITHOUT_FORECAST = "only by tracks that one side could not forecast"  # what such a verdict ends with
 
 
 class Claim(NamedTuple):
@@ -59,6 +60,10 @@ COLUMNS = (
 
 
 _MADE_HERE = ("_opposite", "_known", "_opposite_known")  # p values that are not shown
+# What is corrected here: the corrected p of the tests that only the claims make, and their p.
+_OWN = {
+    "p Holm": "p", "p Holm, opposite": "_opposite", "_known": "_known", "_opposite_known": "_opposite_known",
+}  # fmt: skip
 
 
 class Evidence(NamedTuple):
@@ -120,8 +125,8 @@ def test_claims(evidence: Sequence[Evidence], titles: Mapping[str, str], kinds: 
     table = pd.DataFrame(rows).reindex(columns=[*COLUMNS, *_MADE_HERE])
     own = table["p"].notna() & table["p Holm"].isna()
     for _, group in table[own].groupby(["dataset", "protocol"]):
-        table.loc[group.index, "p Holm"] = holm(group["p"])
-        table.loc[group.index, "p Holm, opposite"] = holm(group["_opposite"])
+        for name, p in _OWN.items():
+            table.loc[group.index, name] = holm(group[p])
     tested = table["p"].notna()
     table.loc[tested, "verdict"] = [_verdict(row) for _, row in table[tested].iterrows()]
     return table.reindex(columns=COLUMNS)
@@ -134,5 +139,5 @@ def _verdict(row):
     ):  # fmt: skip
         if row[corrected] < ALPHA:
             rests = row["not forecast"] > 0 and not row[known] < ALPHA
-            return f"{verdict} only by tracks that one side could not forecast" if rests else verdict
+            return f"{verdict} {WITHOUT_FORECAST}" if rests else verdict
     return "not shown"

@@ -1,6 +1,6 @@
 """Paired one-sided t-tests of every pair of methods that a run compares: is the first one's error smaller?"""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -8,14 +8,15 @@ import pandas as pd
 
 from modlhmp.scoring.errors import seed_mean
 from modlhmp.scoring.protocols import PROTOCOLS
-from modlhmp.scoring.ttests import detectable, holm, paired_test
+from modlhmp.scoring.ttests import MeanTest, detectable, holm, paired_test
 from modlhmp.study.summary import Errors, ErrorsByOutput, main_output
 
 LEAST_DAYS = 5  # with fewer, no test over days can reach p < 0.05 (signs of 4 differences: 1 in 16)
 COLUMNS = (
     "dataset", "protocol", "horizon_s", "metric", "method", "against", "output", "output_against", "n", "clusters",
     "mean_m", "mean_against_m", "mean_difference_m", "ci_low_m", "ci_high_m", "effect_size", "t", "p", "p_greater",
-    "n_unknown", "p_known", "p_greater_known", "detectable_m", "p_holm", "p_greater_holm",
+    "n_unknown", "p_known", "p_greater_known", "detectable_m",
+    "p_holm", "p_greater_holm", "p_known_holm", "p_greater_known_holm",
 )  # fmt: skip
 
 
@@ -66,6 +67,17 @@ def side_by_side(one: Errors, other: Errors, metric: str, days: Mapping[str, str
     return Pair(keys, ours, theirs, cluster, unknown)
 
 
+def with_known(
+    test: Callable[..., MeanTest], unknown: np.ndarray, scored: np.ndarray, *values: np.ndarray
+) -> tuple[MeanTest, int, MeanTest]:
+    """A test of `values` [..., tracks], how many of these tracks one side could not forecast, and it without them.
+
+    `unknown` and `scored` [tracks] say which could not be forecast, and which the test is of.
+    """
+    whole, number = test(*values), int((unknown & scored).sum())
+    return whole, number, test(*(one[..., ~unknown] for one in values)) if number else whole
+
+
 def sides(
     errors: Mapping[str, ErrorsByOutput], pairs: Iterable[tuple[str, str]], protocol: str
 ) -> Iterator[tuple[str, str, Errors, Errors]]:
@@ -92,7 +104,7 @@ def compare(
     as of `clusters`. `mean_m`, `mean_against_m` are over the tracks that both scored. `n_unknown` counts those among
     them that one side could not forecast; `p_known` and `p_greater_known` are without these. `detectable_m` is the
     difference that such a test finds in four of five tries. Holm's correction is over all tests of one dataset and
-    protocol, once for each side.
+    protocol, once for each side, and for each without the tracks that one could not forecast.
     """
     rows = []
     for protocol in PROTOCOLS:
@@ -103,8 +115,8 @@ def compare(
                 for horizon, numbers in zip(horizons, tested, strict=True):
                     rows.append((dataset, protocol, horizon, metric, ours, theirs, *outputs, *numbers))
             del one, other  # before the next pair is read
-    table = pd.DataFrame(rows, columns=COLUMNS[:-2])
-    for side in ("p", "p_greater"):
+    table = pd.DataFrame(rows, columns=[name for name in COLUMNS if not name.endswith("_holm")])
+    for side in ("p", "p_greater", "p_known", "p_greater_known"):
         table[f"{side}_holm"] = table.groupby("protocol")[side].transform(holm) if len(table) else []
     return table
 
@@ -117,10 +129,8 @@ def _all_tested(both):
 def _tested(both, column):
     """A row's numbers from n to `detectable_m`."""
     ours, theirs = both.ours[:, :, column], both.theirs[:, :, column]
-    test = paired_test(ours, theirs, both.cluster)
+    scored = np.isfinite(ours).any(axis=0)
+    test, unknown, known = with_known(paired_test, both.unknown, scored, ours, theirs, both.cluster)
     means = [float(seed_mean(part)) for part in (ours, theirs)]
-    unknown = both.unknown & np.isfinite(ours).any(axis=0)
-    known = ~both.unknown
-    again = paired_test(ours[:, known], theirs[:, known], both.cluster[known]) if unknown.any() else test
     numbers = (test.mean, test.low, test.high, test.effect, test.t, test.p, test.p_greater)
-    return test.n, test.clusters, *means, *numbers, int(unknown.sum()), again.p, again.p_greater, detectable(test)
+    return test.n, test.clusters, *means, *numbers, unknown, known.p, known.p_greater, detectable(test)

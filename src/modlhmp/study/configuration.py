@@ -190,15 +190,17 @@ def load_datasets(
 ) -> dict[str, Dataset]:
     """The datasets of a run by name, each checked, and together.
 
-    Exhibits of two must not overwrite each other, nor pass for the demo's; options that a file has `tuned` must be of a
-    kind or method that exists, and ones that it takes.
+    Exhibits and columns of two must not overwrite each other, nor pass for the demo's; options that a file has `tuned`
+    must be of a kind or method that exists, and ones that it takes.
     """
     files = dataset_files(folders)
     found = {name: load_dataset(files[name], data_root, demo_root) for name in run.datasets}
-    labels = [dataset.label for dataset in found.values()]
-    if twice := {label for label in labels if labels.count(label) > 1}:
-        names = [name for name, dataset in found.items() if dataset.label in twice]
-        raise DataError(f"datasets {', '.join(names)}: their exhibits carry the same `label`; change one")
+    for key, carry in (("label", "exhibits carry"), ("title", "rows and columns of tables carry")):
+        given = {name: getattr(dataset, key) for name, dataset in found.items()}
+        if twice := [name for name, one in given.items() if list(given.values()).count(one) > 1]:
+            raise DataError(
+                f"datasets {', '.join(twice)}: their {carry} the same `{key}`; change one in its dataset file"
+            )
     if run.run == "demo" and not all(dataset.demo for dataset in found.values()):
         raise DataError("configuration, run: `demo` is for the demo's recordings; give your run another name")
     for dataset in found.values():

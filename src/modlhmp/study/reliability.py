@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.scoring.errors import nan_mean
+from modlhmp.scoring.ttests import mean_test
 from modlhmp.scoring.uncertainty import MEASURES, OF_MODES
 from modlhmp.storage import column, read_metadata, read_parquet
 
@@ -21,16 +22,16 @@ def read_uncertainty(path: str | Path) -> tuple[list[float], dict[str, np.ndarra
     """A file of `uncertainty.MEASURES` as (horizons [s], {measure: [tracks, H]}, person [tracks]), means over seeds.
 
     `brier` is added: the squared error of the probability of having left, of each seed before their mean. A track that
-    is forecast several times is there as often; `person` numbers whose each row is (of `same_person`, all pieces').
+    is forecast several times is there as often; `person` is "recording/person" (of `same_person`, all pieces').
     """
     table = read_parquet(path)
     horizons = read_metadata(path)["horizons_s"]
     key = [name for name in ("recording", "track_id", "t0") if name in table.column_names]
     rows = table.select(key).to_pandas()
     track = rows.groupby(key, observed=True).ngroup().to_numpy()
-    person = np.zeros(track.max(initial=-1) + 1, np.int64)
-    whose = [key[0], "person" if "person" in table.column_names else key[1]]
-    person[track] = table.select(whose).to_pandas().groupby(whose, observed=True).ngroup().to_numpy()
+    first = np.unique(track, return_index=True)[1]
+    whose = table.select([key[0], "person" if "person" in table.column_names else key[1]]).take(first).to_pandas()
+    person = np.array(["/".join(map(str, one)) for one in whose.itertuples(index=False)], dtype=str)
     values = {name: column(table, name).reshape(-1, len(horizons)).astype(np.float64) for name in MEASURES}
     values["brier"] = (values["left"] - values["has_left"]) ** 2
     number = np.bincount(track)[:, None]
@@ -65,36 +66,32 @@ def summarise(
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def calibration(expected: np.ndarray, real: np.ndarray, person: np.ndarray | None = None) -> pd.DataFrame:
+def calibration(expected: np.ndarray, real: np.ndarray, cluster: np.ndarray | None = None) -> pd.DataFrame:
     """Expected and real errors [tracks] in `BINS` bins of equally many tracks, by expected error (see `_in_bins`).
 
-    `person` [tracks] says which of them belong together (default: none).
+    `cluster` [tracks] says which of them belong together (default: none).
     """
     known = np.flatnonzero(np.isfinite(expected) & np.isfinite(real))
     ordered = known[np.argsort(expected[known], kind="stable")]
-    return _in_bins(expected, real, np.array_split(ordered, BINS), person)
+    return _in_bins(expected, real, np.array_split(ordered, BINS), cluster)
 
 
-def reliability(probability: np.ndarray, happened: np.ndarray, person: np.ndarray | None = None) -> pd.DataFrame:
-    """Probabilities and what happened (0 or 1), [tracks], in `BINS` equally wide bins; `person` as of `calibration`."""
+def reliability(probability: np.ndarray, happened: np.ndarray, cluster: np.ndarray | None = None) -> pd.DataFrame:
+    """Probabilities and what happened (0 or 1), [tracks], in `BINS` equally wide bins; others as of `calibration`."""
     place = np.minimum((probability * BINS + 1e-6).astype(int), BINS - 1)  # stored in single precision
-    return _in_bins(probability, happened, [np.flatnonzero(place == number) for number in range(BINS)], person)
+    return _in_bins(probability, happened, [np.flatnonzero(place == number) for number in range(BINS)], cluster)
 
 
 def _in_bins(
-    forecast: np.ndarray, outcome: np.ndarray, bins: Sequence[np.ndarray], person: np.ndarray | None
+    forecast: np.ndarray, outcome: np.ndarray, bins: Sequence[np.ndarray], cluster: np.ndarray | None
 ) -> pd.DataFrame:
-    """One row per bin that is not empty: `forecast` and `outcome` (means), `standard_error` of that, `n`.
+    """One row per bin that is not empty: `forecast` and `outcome` (means), `low`, `high`, `n`.
 
-    The standard error is that of clusters, which are the persons: without several of one person, the SD by root n.
+    `low` to `high` is the outcome's 95 % interval over the clusters (`ttests.mean_test`), NaN where it has none.
     """
     rows = []
     for number, members in enumerate(bins, 1):
         if n := len(members):
-            mean = outcome[members].mean()
-            whose = np.arange(n) if person is None else np.unique(person[members], return_inverse=True)[1]
-            apart = np.bincount(whose, outcome[members] - mean)
-            several = len(apart)
-            error = np.sqrt(several / (several - 1) * (apart**2).sum()) / n if several > 1 else np.nan
-            rows.append((number, forecast[members].mean(), mean, error, n))
-    return pd.DataFrame(rows, columns=["bin", "forecast", "outcome", "standard_error", "n"])
+            test = mean_test(outcome[members], None if cluster is None else cluster[members])
+            rows.append((number, forecast[members].mean(), outcome[members].mean(), test.low, test.high, n))
+    return pd.DataFrame(rows, columns=["bin", "forecast", "outcome", "low", "high", "n"])

@@ -16,7 +16,7 @@ NUMBERS = (
 SITE = ("site", *KEYS, "output", *NUMBERS, "why")
 ACROSS = (
     *KEYS, "sites", "mean_m", "sd_m", "n", "eligible", "coverage", "against", "sites_paired", "difference_m",
-    "ci_low_m", "ci_high_m", "p", "p_greater", "p_holm", "p_greater_holm", "sites_unknown", "left_out",
+    "ci_low_m", "ci_high_m", "p", "p_greater", "p_holm", "p_greater_holm", "sites_unknown", "left_out", "not_paired",
 )  # fmt: skip
 
 
@@ -111,15 +111,18 @@ def _lacks(rows):
 
 
 def _across(rows, reference):
-    """A line's numbers from `sites` to `left_out`, but for the corrected p."""
+    """A line's numbers from `sites` to `not_paired`, but for the corrected p."""
     values, differences = rows["mean_m"].to_numpy(float), rows["difference_m"].to_numpy(float)
     known, paired = np.isfinite(values), np.isfinite(differences)
     n, eligible = rows["n"][known].sum(), rows["eligible"][known].sum()
     test = mean_test(differences)
-    left = [f"{row.site}: {row.why}" for row, counted in zip(rows.itertuples(), known, strict=True) if not counted]
     is_reference = rows["method"].iloc[0] == reference
+    left, unpaired = (
+        "; ".join(f"{row.site}: {row.why}" for row in rows[which].itertuples())
+        for which in (~known, known & ~paired & (not is_reference))
+    )
     return (
         int(known.sum()), float(np.mean(values[known])) if known.any() else np.nan, sample_sd(values), n, eligible,
         n / eligible if eligible else np.nan, "" if is_reference else reference, int(paired.sum()),
-        test.mean, test.low, test.high, test.p, test.p_greater, int((rows["n_unknown"] > 0).sum()), "; ".join(left),
+        test.mean, test.low, test.high, test.p, test.p_greater, int((rows["n_unknown"] > 0).sum()), left, unpaired,
     )  # fmt: skip

@@ -8,6 +8,7 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.study import lacks
+from modlhmp.study.comparisons import clusters
 from modlhmp.study.exhibits import style
 from modlhmp.study.layout import Layout
 from modlhmp.study.reliability import calibration, read_uncertainty, reliability
@@ -18,16 +19,22 @@ EXACT: style.Look = {"color": "0.55", "linewidth": 0.6, "zorder": 1}
 
 
 def draw(
-    layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mapping[str, str], measured: Sequence[str]
+    layout: Layout,
+    datasets: Sequence[Dataset],
+    stem: str,
+    methods: Mapping[str, str],
+    measured: Sequence[str],
+    days: Mapping[str, Mapping[str, str]],
 ) -> None:
     """One row per dataset: expected against real error, probability against share of having left; two horizons each.
 
-    `methods` maps names to titles in table order, `measured` are those with a file. The CSV has all horizons.
+    `methods` maps names to titles in table order, `measured` are those with a file, `days` maps datasets to their test
+    recordings' days. The CSV has all horizons.
     """
     fig, axes = style.figure(len(datasets), 4, style.PAGE_MM, ROW_MM * len(datasets) + BELOW_MM)
     tables = []
     for line, dataset in zip(axes, datasets, strict=True):
-        table = bins_of(layout, dataset, measured)
+        table = bins_of(layout, dataset, measured, days[dataset.name])
         horizons = shown_horizons(sorted(table["horizon_s"].unique()), dataset.horizon_s)
         for what, places in (("error", line[:2]), ("left", line[2:])):
             for ax in places[len(horizons) :]:
@@ -47,16 +54,17 @@ def draw(
     style.save(fig, stem, pd.concat(tables, ignore_index=True), any(dataset.demo for dataset in datasets))
 
 
-def bins_of(layout: Layout, dataset: Dataset, measured: Sequence[str]) -> pd.DataFrame:
+def bins_of(layout: Layout, dataset: Dataset, measured: Sequence[str], days: Mapping[str, str]) -> pd.DataFrame:
     """Bins of every measured method and horizon of a dataset, as one table; `what`: `error` [m] or `left`."""
     tables = []
     for method in measured:
         horizons, by_track, person = read_uncertainty(layout.uncertainty(dataset.name, method))
+        cluster = clusters(person, days)
         for column, horizon in enumerate(horizons):
             at = {name: one[:, column] for name, one in by_track.items()}
             both = {
-                "error": calibration(at["expected_m"], at["real_m"], person),
-                "left": reliability(at["left"], at["has_left"], person),
+                "error": calibration(at["expected_m"], at["real_m"], cluster),
+                "left": reliability(at["left"], at["has_left"], cluster),
             }
             whose: dict[str, Any] = {"dataset": dataset.name, "method": method, "horizon_s": horizon}
             tables += [bins.assign(**whose, what=what) for what, bins in both.items()]
@@ -82,7 +90,7 @@ def _panel(ax, table, what, methods, title):
         for some, face in ((bins[bins["n"] >= FEW], look["color"]), (bins[bins["n"] < FEW], "white")):
             marks = {**look, "linestyle": "none", "markeredgewidth": 0.6, "markerfacecolor": face}
             ax.plot(some["forecast"], some["outcome"], **marks, zorder=3)
-        half = 1.96 * bins["standard_error"].fillna(0)
+        half = (bins["high"] - bins["outcome"]).fillna(0)
         low = np.minimum(half, bins["outcome"])  # neither errors nor shares are negative
         bars = {"ecolor": look["color"], "elinewidth": 0.5, "alpha": 0.4}
         ax.errorbar(bins["forecast"], bins["outcome"], [low, half], fmt="none", **bars)

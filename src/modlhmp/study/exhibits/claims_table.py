@@ -17,10 +17,11 @@ from modlhmp.tracks import read_tracks
 
 NOTE = (
     "Verdicts: supported (p < 0.05 after Holm's correction, or the number itself), contradicted (the same for the "
-    "opposite), not shown (neither). Tests between methods have the corrected p of the table of t-tests; the others "
-    "are corrected over those of this table of one dataset and protocol. `not forecast` counts tracks that one side "
-    "could not forecast; a verdict that rests on them says so. Under the paper protocol the tracks are those that both "
-    "sides scored. The recordings are not all the paper's: docs/results.md."
+    "opposite), not shown (neither). A difference that does not vary has no p. Tests between methods have the "
+    "corrected p of the table of t-tests; the others are corrected over those of this table of one dataset and "
+    "protocol. `not forecast` counts tracks that one side could not forecast; a verdict that rests on them says so. "
+    "Under the paper protocol the tracks are those that both sides scored. The recordings are not all the paper's: "
+    "docs/results.md."
 )
 
 

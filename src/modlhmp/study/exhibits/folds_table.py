@@ -7,14 +7,15 @@ import pandas as pd
 from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits.ladder_table import difference_cell, errors_cell, row_of
 from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.exhibits.words import OVER, SEED_MEANS
 from modlhmp.study.ladder import differences, scores
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import ErrorsByOutput, at_horizons, joined
 
 NOTE = (
-    "Errors are ADE / FDE in m, the mean of the seeds' means over the tracks of all folds, complete protocol; then, on "
-    "the same tracks, ADE less that of {reference} with its 95 % interval (over days where there are five test days or "
-    "more, else over persons). The paper protocol is at the right. Options are those of the dataset files."
+    f"Errors are ADE / FDE in m, {SEED_MEANS} over the tracks of all folds, complete protocol; then, on the same "
+    f"tracks, ADE less that of {{reference}} with its 95 % interval ({OVER}). "
+    "The paper protocol is at the right. Options are those of the dataset files."
 )
 
 
@@ -25,11 +26,12 @@ def draw(
     methods: Mapping[str, str],
     reference: str,
     horizons: Mapping[str, Sequence[float]],
-    days: Mapping[str, str],
+    days: Mapping[str, Mapping[str, str]],
 ) -> None:
     """One row per dataset and method.
 
-    `methods` maps names to titles, `horizons` [s] datasets' names to theirs, `days` test recordings to their days.
+    `methods` maps names to titles, `horizons` [s] datasets' names to theirs, `days` to their test recordings'
+    days.
     """
     rows: list[dict[str, str]] = []
     for title in dict.fromkeys(one.fold_of for one in datasets):
@@ -40,7 +42,7 @@ def draw(
             method: pooled(at_horizons(layout.errors(one.name, method), shown, step_s) for one in parts)
             for method in methods
         }
-        own = {name: day for name, day in days.items() if any(name == one.name for p in parts for one in p.recordings)}
+        own = {recording: day for one in parts for recording, day in days[one.name].items()}
         rows += _rows(title, errors, shown, [round(s / step_s) for s in shown], own, methods, reference)
     table = pd.DataFrame(rows).fillna("–")
     at = sorted([name for name in table if name.endswith(" s")], key=lambda name: float(name.split()[0]))

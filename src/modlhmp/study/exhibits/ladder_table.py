@@ -10,10 +10,11 @@ from modlhmp.datasets import Dataset
 from modlhmp.storage import read_json, read_parquet
 from modlhmp.study.comparisons import LEAST_DAYS
 from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.exhibits.words import SEED_MEANS
 from modlhmp.study.layout import Layout
 
 NOTE = (
-    "Errors are ADE / FDE in m, the mean of the seeds' means; brackets hold 95 % intervals over {over}. "
+    f"Errors are ADE / FDE in m, {SEED_MEANS}; brackets hold 95 % intervals over {{over}}. "
     "Every row is compared with the one above it and with {reference}, on the same tracks (complete protocol: every "
     "eligible track counts). The paper protocol is at the right: it drops idle tracks where the dataset says so, "
     "and forecasts that have left the map. `not forecast` counts tracks that one of the two "

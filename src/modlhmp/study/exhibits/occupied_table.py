@@ -16,11 +16,11 @@ NOTE = (
     "Everyone there is forecast every {every_s:g} s of the recordings' days, with maps of people who were not recorded "
     "within ten minutes of them; truth is where these people are then, not who comes later. A cell of 1 m is occupied "
     "if the position of one of them lies in it; cells are those in which anybody was ever seen. Brier: mean squared "
-    "error of the probability, lower is better; without skill, that of the share of the other half-hours' moments at "
-    "which a cell was occupied, and of one share for all. Skill: how much less than the former it is. Foretold and "
-    "real: occupied cells per moment; unforeseen: the share of these that no sample reached. Calibrated: of the bins "
-    "of ten with at least {enough} cells, those whose share is within {close:g} of its probability, or whose 95 % "
-    "interval holds it."
+    "error of the probability, lower is better; without skill, that of the share of the moments of other folds (the "
+    "half-hours are dealt into five) at which a cell was occupied, and of one share for all. Skill: how much less than "
+    "the former it is. Foretold and real: occupied cells per moment; unforeseen: the share of these that no sample "
+    "reached. Calibrated: of the bins of ten with at least {enough} cells, those whose share is within {close:g} of "
+    "its probability, or whose 95 % interval holds it."
 )
 
 

@@ -5,6 +5,7 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
+from modlhmp.study.exhibits.words import OVER
 from modlhmp.study.plan import Plan
 
 
@@ -33,7 +34,7 @@ def _ladder_table_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "reference": plan.run.ladder.reference,
         "beside": [list(pair) for pair in plan.run.ladder.beside],
         "titles": plan.run.titles(plan.run.ladder_methods),
-        "days": sorted({one.day for one in dataset.of_split("test")}),
+        "days": sorted(set(dataset.days("test").values())),
     }
 
 
@@ -43,16 +44,18 @@ def _folds_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "methods": plan.titles,
         "reference": reference if reference in plan.run.compare else plan.run.compare[0],
         "horizons": plan.horizons,
-        "days": {one.name: one.day for dataset in datasets for one in dataset.of_split("test")},
+        # The parts that a recording of no known day is cut into are of one.
+        "days": {
+            dataset.name: {one.name: one.day or one.path for one in dataset.of_split("test")} for dataset in datasets
+        },
     }
 
 
 LADDER = (
     "One change per row, from the paper's configuration to the best one, under the complete protocol: every method "
     "forecasts every eligible track, and no method is told how long a track is. Options were chosen on a part of the "
-    "training recordings kept for validation. Intervals are 95 % intervals over persons, or over days "
-    "where there are several test days; the table adds the paired differences, the cost of a forecast, and the paper "
-    "protocol. "
+    f"training recordings kept for validation. Intervals are 95 % intervals {OVER}; the table adds the paired "
+    "differences, the cost of a forecast, and the paper protocol. "
     '"Network without a map" knows only the last seconds and the compass: a map helps only where it is better than '
     "this."
 )

@@ -7,6 +7,7 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
+from modlhmp.study.exhibits.words import OVER
 from modlhmp.study.explorer.look import ASSETS
 from modlhmp.study.plan import Plan
 from modlhmp.study.versions import assets_version
@@ -284,9 +285,14 @@ EXHIBITS: tuple[Exhibit, ...] = (
         caption="Left: the error that a method expects of its own output against the real one, in ten bins of equally "
         "many tracks; above the diagonal a method is too sure of itself. Right: the probability that a person has left "
         "by then against the share of people that had. A robot that must keep its distance needs both on the "
-        "diagonal. Bars are 95 % of the mean; the CSV has all horizons, and n of each bin.",
+        "diagonal. Bars are 95 % intervals of the mean, "
+        f"{OVER}; the CSV has all horizons, and n of each bin.",
         needs=_uncertainty,
-        asks=lambda plan, datasets: {"methods": plan.titles, "measured": plan.measured},
+        asks=lambda plan, datasets: {
+            "methods": plan.titles,
+            "measured": plan.measured,
+            "days": {dataset.name: dataset.days("test") for dataset in datasets},
+        },
         wanted=_measures,
         lacks=(lacks.NOT_AS_LONG,),
     ),

@@ -8,6 +8,7 @@ from modlhmp.datasets import Dataset
 from modlhmp.kinds import find
 from modlhmp.study import lacks
 from modlhmp.study.exhibits.record import MODULES, Exhibit
+from modlhmp.study.exhibits.words import SEED_MEANS
 from modlhmp.study.plan import Plan
 from modlhmp.study.published import AHEAD_S, STEP_S
 
@@ -157,7 +158,7 @@ def _results_caption(plan: Plan) -> str:
     return (
         "ADE / FDE in metres at each dataset's longest horizon under both protocols, with scored and eligible tracks; "
         "each track at its own length; how many forecasts, and true paths, come 0.3 m inside a wall of the floor plan; "
-        f"below, the other table horizons. Means over {len(plan.run.seeds)} seeds per track, then over tracks."
+        f"below, the other table horizons. Errors are {SEED_MEANS}, over {len(plan.run.seeds)} seeds."
     )
 
 

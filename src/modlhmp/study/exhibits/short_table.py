@@ -12,6 +12,7 @@ from modlhmp.storage import column, read_metadata, read_parquet
 from modlhmp.study import lacks
 from modlhmp.study.comparisons import clusters
 from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.exhibits.words import OVER
 from modlhmp.study.layout import Layout
 from modlhmp.study.published import AHEAD_S, SHORT, STEP_S
 from modlhmp.study.summary import ErrorsByOutput, at_horizons, main_output
@@ -21,12 +22,11 @@ EXPECTED = ("mean_ade_m", "mean_fde_m", "best_ade_m", "best_fde_m", "samples")
 NOTE = (
     "Mean ADE / FDE in m up to 2.0 s, over all forecasts, complete protocol. Expected: the mean over a forecast's "
     "samples, of the first {most} those that are still there, or the error of the one path of a method without; in "
-    "brackets the 95 % interval, over days where there are five test days or more, else over persons. Against constant "
-    "velocity: the paired difference of expected ADE from that of {reference}. One path: of the method's own output. "
-    "Covered: of the forecasts, those that stay on the map for 2.0 s. At recorded rows: only forecasts whose t0 is a "
-    "row of the file. At all others the position at t0 lies on the line to a row that is recorded later, so that every "
-    "method is told where the person is going next. Published: another split; whether its positions were interpolated "
-    "likewise is not known."
+    f"brackets the 95 % interval, {OVER}. Against constant velocity: the paired difference of expected ADE from that "
+    "of {reference}. One path: of the method's own output. Covered: of the forecasts, those that stay on the map for "
+    "2.0 s. At recorded rows: only forecasts whose t0 is a row of the file. At all others the position at t0 lies on "
+    "the line to a row that is recorded later, so that every method is told where the person is going next. Published: "
+    "another split; whether its positions were interpolated likewise is not known."
 )
 SPLIT = (
     "{title}: our split; {rate:.2f} rows per second interpolated to 10 Hz; a forecast of each track every {every:g} s."

@@ -15,8 +15,8 @@ NOTE = (
     "eligible forecasts, over all sites. `less {reference}` is the mean over sites of the paired difference within "
     "each, on the tracks that both scored, with its 95 % interval and p from Student's t with one degree of freedom "
     "less than sites; p is one-sided (smaller error than {reference}; the opposite side stands in the CSV) and "
-    "Holm-corrected over a protocol's rows. `†`: at so many sites one side could not forecast some tracks. –: what "
-    "there is too little for. by_site.csv has every site."
+    "Holm-corrected over a protocol's rows. (k sites): of so many only, the others are named below. `†`: at so many "
+    "sites one side could not forecast some tracks. –: what there is too little for. by_site.csv has every site."
 )
 
 
@@ -25,10 +25,11 @@ def write_sites(found: Mapping[str, pd.DataFrame | str], reference: str, folder:
     table, by_site = gather(found, reference)
     shown = pd.DataFrame([_cells(row, reference) for row in table.itertuples()])
     failed = pd.DataFrame([(s, why) for s, why in found.items() if isinstance(why, str)], columns=["site", "why"])
-    out = table[table["left_out"] != ""].drop_duplicates(["protocol", "horizon_s", "method"])
-    left = out[["protocol", "horizon_s", "method", "left_out"]].rename(columns={"horizon_s": "horizon [s]"})
     others = [("Sites without results", failed)] if len(failed) else []
-    others += [("Not in the means", left.rename(columns={"left_out": "sites"}))] if len(left) else []
+    for title, name in (("Not in the means", "left_out"), ("In the means, not in the differences", "not_paired")):
+        out = table[table[name] != ""].drop_duplicates(["protocol", "horizon_s", "method"])
+        listed = out[["protocol", "horizon_s", "method", name]]
+        others += [(title, listed.rename(columns={"horizon_s": "horizon [s]", name: "sites"}))] if len(out) else []
     heading = f"{len(found) - len(failed)} of {len(found)} sites"
     write_table(shown, f"{folder}/sites", heading, demo, NOTE.format(reference=reference), others)
     write_text(f"{folder}/sites.csv", csv_text(table, float_format="%.6g"))  # numbers, not the cells that are shown
@@ -41,6 +42,8 @@ def _cells(row, reference):
     difference = f"{row.difference_m:+.3f}" if np.isfinite(row.difference_m) else "–"
     if np.isfinite(row.ci_low_m):
         difference += f" ({row.ci_low_m:+.3f} to {row.ci_high_m:+.3f})"
+    if 0 < row.sites_paired < row.sites:
+        difference += f" ({row.sites_paired} site{'s' if row.sites_paired > 1 else ''})"
     if row.sites_unknown:
         difference += f" † {row.sites_unknown}"
     return {

@@ -13,6 +13,7 @@ from modlhmp.storage import read_parquet
 from modlhmp.study import lacks
 from modlhmp.study.exhibits.selection import main_rows, scored_of
 from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.exhibits.words import SEED_MEANS
 from modlhmp.study.layout import Layout
 from modlhmp.study.published import RESULTS, RESULTS_AT_S
 from modlhmp.tracks import read_tracks
@@ -92,7 +93,7 @@ def draw_results(
             others.append((f"{dataset.title}, {protocol} protocol: ADE / FDE [m]", table))
     spread = results["ade_seed_sd_m"].max()
     note = (
-        "ADE / FDE in m: mean of the seeds' own means; n: tracks scored (mean over seeds) / eligible. The columns "
+        f"ADE / FDE in m: {SEED_MEANS}; n: tracks scored (mean over seeds) / eligible. The columns "
         "of own lengths (a track counts at its own length, or at the horizon if it is longer) and of the share of "
         "forecasts that come 0.3 m inside a wall are under the complete protocol."
     )
@@ -130,13 +131,13 @@ def draw_ttests(layout: Layout, datasets: Sequence[Dataset], stem: str, methods:
         "detectable_m",
     ):
         shown[name] = shown[name].map("{:.3f}".format)
-    for name in ("p", "p_greater", "p_known", "p_greater_known", "p_holm", "p_greater_holm"):
+    for name in ("p", "p_greater", "p_known", "p_greater_known", *(one for one in shown if one.endswith("_holm"))):
         shown[name] = shown[name].map("{:.2g}".format)
     note = (
         "H1: the error of `method` is smaller than that of `against` (`p`; `p_greater`: larger); Holm-corrected per "
         "dataset and protocol. Standard errors are over `clusters`: test days where there are five, else persons. "
-        "`n_unknown` tracks could not be forecast by one of the two; `p_known` is without them. `detectable_m`: the "
-        "difference that such a test, uncorrected, finds in four of five tries."
+        "`n_unknown` tracks could not be forecast by one of the two; `p_known` is without them, and `p_known_holm` "
+        "that p corrected. `detectable_m`: the difference that such a test, uncorrected, finds in four of five tries."
     )
     note += _several(datasets)
     write_table(shown, stem, "Paired one-sided t-tests", any(dataset.demo for dataset in datasets), note)

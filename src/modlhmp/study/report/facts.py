@@ -8,13 +8,16 @@ import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.storage import read_json
+from modlhmp.study.claims import WITHOUT_FORECAST
 from modlhmp.study.csv_cells import original
 from modlhmp.study.exhibits.selection import main_rows
 from modlhmp.study.layout import Layout
 
 SPLITS = ("train", "test")
 FEW = 100  # tracks: below this a mean says little
-VERDICTS = ("supported", "contradicted", "not shown")
+VERDICTS = (
+    "supported", f"supported {WITHOUT_FORECAST}", "contradicted", f"contradicted {WITHOUT_FORECAST}", "not shown",
+)  # fmt: skip
 
 
 def cleaning(layout: Layout, dataset: Dataset, names: Mapping[str, Sequence[str]]) -> list[tuple[str, list[int]]]:
@@ -39,16 +42,17 @@ def best(scores: pd.DataFrame, dataset: Dataset, methods: Sequence[Mapping[str, 
     """How well a dataset's people were forecast at the longest horizon that test tracks reach, by protocol.
 
     `horizon` [s], 0 where none reaches one; `complete` and `paper`: the method of least ADE, the `constant` velocity of
-    least ADE, and the method that scores `fewest`, each a dict of `title`, `ade`, `fde` [m], `n`, `eligible`; none
-    where nothing is scored.
+    least ADE, and the method that scores `fewest`, be it none, each a dict of `title`, `ade`, `fde` [m], `n`,
+    `eligible`; none where nothing is scored.
     """
     rows = main_rows(scores[scores["dataset"] == dataset.name])
-    rows = rows[(rows["n"] > 0) & rows["method"].isin([one["name"] for one in methods])]
-    found: dict[str, Any] = {"horizon": float(rows["horizon_s"].max()) if len(rows) else 0.0}
+    rows = rows[rows["method"].isin([one["name"] for one in methods])]
+    scored = rows.loc[rows["n"] > 0, "horizon_s"]
+    found: dict[str, Any] = {"horizon": float(scored.max()) if len(scored) else 0.0}
     titles = {one["name"]: one["title"] for one in methods}
     for protocol in ("complete", "paper"):
         at = rows[(rows["protocol"] == protocol) & (rows["horizon_s"] == found["horizon"])].set_index("method")
-        if len(at):
+        if (at["n"] > 0).any():
             still = at["ade_m"].reindex([one["name"] for one in methods if one["kind"] == "cvm"]).dropna()
             constant = still.idxmin() if len(still) else None
             wanted = {"best": at["ade_m"].idxmin(), "constant": constant, "fewest": (at["n"] / at["eligible"]).idxmin()}
@@ -65,11 +69,11 @@ def best(scores: pd.DataFrame, dataset: Dataset, methods: Sequence[Mapping[str, 
 def verdicts(claims: pd.DataFrame) -> dict[str, dict[str, int]]:
     """How many tests of the paper's claims came to each verdict: {verdict: {protocol: number}}, those of any left out.
 
-    A verdict goes by its first words; `another` are those that a run lacks something for, or that only measure. Tests
-    of no protocol in particular are under "".
+    `another` are those that a run lacks something for, or that only measure. Tests of no protocol in particular are
+    under "".
     """
     said = claims["verdict"].map(original)
-    kinds = [next((one for one in VERDICTS if text.startswith(one)), "another") for text in said]
+    kinds = [text if text in VERDICTS else "another" for text in said]
     found = Counter(zip(kinds, claims["protocol"], strict=True))
     names = (*VERDICTS, "another")
     return {one: {protocol: found[one, protocol] for protocol in ("complete", "paper", "")} for one in names}
