@@ -21,7 +21,8 @@ from modlhmp.arguments import path_of
 from modlhmp.forecasting.occupancy import Occupancy
 from modlhmp.forecasting.ranking import best_path
 from modlhmp.futures import Futures
-from modlhmp.storage import DataError, atomic_path, put_in_place, temporary_name, write_text
+from modlhmp.storage import DataError, atomic_path, put_in_place, write_text
+from modlhmp.temporary import temporary_name
 from modlhmp.version import __version__
 
 OCCUPANCY, PATH = "/modlhmp/occupancy", "/modlhmp/path/person_{}"  # topics

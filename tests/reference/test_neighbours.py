@@ -48,7 +48,7 @@ def test_equals_loops_over_everyone(seed, rows, step_s):
     assert found.xy.shape == (len(own_row), MOST, rows, 2)
     counts = set()
     for n, (who, row) in enumerate(people_and_rows(tracks, own_row)):
-        plain = twins.find_neighbours(people, who, row, rows, step_s, max_gap_s=max(5.0, 2 * step_s))
+        plain = twins.find_neighbours(people, who, row, rows, step_s)
         counts.add(len(plain))
         assert found.track[n].tolist() == [person for person, _ in plain] + [-1] * (MOST - len(plain))
         for m, (_, seen) in enumerate(plain):

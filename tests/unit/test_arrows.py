@@ -11,7 +11,7 @@ PACKAGE = Path(modlhmp.__file__).parent
 # From left to right. What stands in one line is one stage; the modules in it import each other without a circle.
 STAGES = [
     ("version",),
-    ("storage", "origins", "kernels"),
+    ("storage", "temporary", "origins", "kernels"),
     ("settings", "options", "kinds", "site", "file_format", "logs", "angles", "streams", "tracks", "ids", "scenes",
      "clock", "account", "time_step", "yaml_file", "floor_plan"),
     ("readers",),

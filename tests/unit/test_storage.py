@@ -13,17 +13,16 @@ from modlhmp import __version__
 from modlhmp.storage import (
     VERSION,
     DataError,
-    _host,
     atomic_path,
     column,
     packing,
     read_metadata,
     read_parquet,
     read_pieces,
-    remove_leftovers,
     write_parquet,
     write_pieces,
 )
+from modlhmp.temporary import _host, remove_leftovers
 
 
 def table(n=5000, seed=0):

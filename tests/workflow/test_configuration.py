@@ -14,7 +14,8 @@ import yaml
 from PIL import Image
 
 from modlhmp.origins import file_sha256
-from modlhmp.storage import read_metadata, temporary_name
+from modlhmp.storage import read_metadata
+from modlhmp.temporary import temporary_name
 
 OWN_DATASET = """
 title: Own recording

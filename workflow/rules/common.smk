@@ -14,7 +14,7 @@ from modlhmp.exchange.maps import map_files
 from modlhmp.kinds import all_kinds, find
 from modlhmp.settings import as_plain
 from modlhmp.origins import file_sha256
-from modlhmp.storage import DataError, remove_leftovers
+from modlhmp.storage import DataError
 from modlhmp.study.claims import claim_horizons
 from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study import running
@@ -34,6 +34,7 @@ from modlhmp.study.plan import (
 )
 from modlhmp.study.configuration import check_maps, load_datasets, load_run
 from modlhmp.study.versions import assets_version, code_version
+from modlhmp.temporary import remove_leftovers
 
 # For the jobs, read when PyTorch loads OpenMP: threads that wait by spinning stall other processes.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
