@@ -5,6 +5,7 @@ Without a Chromium (Debian: apt install chromium) these tests are skipped.
 
 import base64
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -377,6 +378,34 @@ def test_a_second_run_is_added_from_its_page(shown, tmp_path):
     shown.press("c")
 
 
+def of_plan(folder, image, run):
+    """The page of a run whose hall has a floor plan of these rows of grey, 10 m a pixel."""
+    rows = "\n".join(" ".join(map(str, row)) for row in image)
+    (folder / f"{run}.pgm").write_text(f"P2 {len(image[0])} {len(image)} 255\n{rows}\n")
+    (folder / f"{run}.yaml").write_text(
+        f"image: {run}.pgm\nresolution: 10\norigin: [-8, 2, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    )
+    return make_page(Layout(run, str(folder)), (replace(HALL, floor_plan=(str(folder / f"{run}.yaml"),)),))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_two_runs_of_one_name_have_floor_plans_of_their_own(tmp_path, dark):
+    """A dropped run is drawn as its own page draws it."""
+    paths = [of_plan(tmp_path, image, run) for image, run in (([[0, 255], [0, 255]], "one"), ([[255, 0], [0, 0]], "two"))]
+    grounds = []
+    for path in paths:
+        with browser.Page(path, dark=dark) as page:
+            ready(page)
+            grounds.append(page.ask(GROUND.replace("NUMBER", "0")))
+    assert grounds[0] != grounds[1]
+    with browser.Page(paths[0], dark=dark) as page:
+        ready(page)
+        page.choose_file("#file", paths[1])
+        page.until("document.querySelector('#dropped').textContent === 'Run two is added.'")
+        page.drawn()
+        assert [page.ask(GROUND.replace("NUMBER", str(number))) for number in (0, 1)] == grounds
+
+
 @pytest.mark.parametrize(("width", "dark"), [(390, False), (390, True), (1280, True)])
 def test_it_fits_small_and_dark_screens(path, width, dark):
     """Nothing is wider than the screen, whatever can be pressed is large enough for a finger, and a tap works."""
@@ -446,6 +475,12 @@ COLOURFULNESS = """(() => {
     if (data[i + 3] > 100) most = Math.max(most, Math.abs(data[i] - data[i + 1]), Math.abs(data[i] - data[i + 2]));
   return most;
 })()"""
+
+# Colours of the floor at the same places, where nobody walks and nothing is written.
+GROUND = """[[-3, 7], [4, 7], [-3, 17], [4, 16]].map(([x, y]) => {
+  const { view } = explorer.sets[0], canvas = document.querySelectorAll(".base")[NUMBER];
+  return [...canvas.getContext("2d").getImageData(view.px(x), view.py(y), 1, 1).data];
+})"""
 
 NAMELESS = """[...document.querySelectorAll("canvas, input, select, button")]
   .filter((one) => one.ariaHidden !== "true" && !one.getAttribute("aria-label")
