@@ -391,7 +391,8 @@ def of_plan(folder, image, run):
 @pytest.mark.parametrize("dark", [False, True])
 def test_two_runs_of_one_name_have_floor_plans_of_their_own(tmp_path, dark):
     """A dropped run is drawn as its own page draws it."""
-    paths = [of_plan(tmp_path, image, run) for image, run in (([[0, 255], [0, 255]], "one"), ([[255, 0], [0, 0]], "two"))]
+    images = {"one": [[0, 255], [0, 255]], "two": [[255, 0], [0, 0]]}
+    paths = [of_plan(tmp_path, image, run) for run, image in images.items()]
     grounds = []
     for path in paths:
         with browser.Page(path, dark=dark) as page:
