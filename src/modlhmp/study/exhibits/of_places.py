@@ -52,6 +52,20 @@ def _with_memory(plan: Plan) -> dict[str, str]:
     return plan.run.titles(name for name in found if name)
 
 
+def _memory_caption(plan: Plan) -> str:
+    outputs = {plan.method(dataset, name).options.output for dataset in plan.datasets for name in _with_memory(plan)}
+    median = (
+        " The result is the geometric median, at each second, of those who are still there; where people part ways it "
+        "may lie where nobody walks."
+    )
+    return (
+        "The two maps with memory. Left: snippets of a few seconds that start near the walker, coloured by direction. "
+        "Middle and right: a forecast with the episode map, which replays the most similar persons from here, and with "
+        "the snippet flow map, whose particles string snippets together. Crosses: persons who left through an exit."
+        + (median if outputs == {"geometric_median"} else "")
+    )
+
+
 def _memory_maps(plan: Plan, datasets: list[Dataset]) -> list[str]:
     return [*_examples(plan, datasets), *(plan.layout.map(dataset.name, "snippets") for dataset in datasets)]
 
@@ -216,11 +230,11 @@ EXHIBITS: tuple[Exhibit, ...] = (
         category="Forecasts",
         section="forecasts",
         paper="fig:rank",
-        caption="The futures of TC-CLiFF for one person of each dataset, to its longest horizon: truth red, "
-        "observation green, futures blue, darker the better they rank; a cross where a future left the map. Ranks "
-        "are those of the complete protocol. The person is chosen by rule: of the tracks eligible at the horizon under "
-        "the paper protocol, that of the median ADE of the first compared method. Marked areas come from the "
-        "dataset file.",
+        caption="The futures of the method that each key names, for one person of each dataset, to its longest "
+        "horizon: truth red, observation green, futures blue, darker the better they rank; a cross where a future left "
+        "the map. Ranks are those of the complete protocol. The person is chosen by rule: of the tracks eligible at "
+        "the horizon under the paper protocol, that of the median ADE of the first compared method. Marked areas come "
+        "from the dataset file.",
         needs=_examples,
         asks=_titles,
         lacks=(lacks.NO_TRACK, lacks.NO_RANKS),
@@ -248,11 +262,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         title="maps with memory",
         category="Maps",
         section="maps",
-        caption="The two maps with memory. Left: snippets of a few seconds that start near the walker, coloured by "
-        "direction. Middle and right: a forecast with the episode map, which replays the most similar persons from "
-        "here, and with the snippet flow map, whose particles string snippets together. Crosses: persons who left "
-        "through an exit. The result is the geometric median, at each second, of those who are still there; where "
-        "people part ways it may lie where nobody walks.",
+        caption=_memory_caption,
         needs=_memory_maps,
         asks=lambda plan, datasets: {"methods": _with_memory(plan)},
         wanted=lambda plan: len(_with_memory(plan)) == 2,
