@@ -344,16 +344,12 @@ EXHIBITS: tuple[Exhibit, ...] = (
         section="certainty",
         caption=lambda plan: (
             "The moment at which most people were there: the probability that each cell of 1 m is occupied a sixth, a "
-            "third and two thirds of the longest horizon later, by "
-            f"{_filmed(plan)}, and where these people were then. Who comes "
-            "later is not shown."
+            f"third and two thirds of the longest horizon later, by {_filmed(plan)}, and where these people were then. "
+            "Who comes later is not shown."
         ),
         asks=lambda plan, datasets: {"title": _filmed(plan)},
         lacks=(lacks.NOBODY,),
-        needs=lambda plan, datasets: [
-            *(plan.layout.occupied(one.name, "film") for one in datasets),
-            *_floor_plans(datasets),
-        ],
+        needs=lambda plan, datasets: [*_occupied("film")["needs"](plan, datasets), *_floor_plans(datasets)],
         wanted=_occupied("film")["wanted"],
     ),
     Exhibit(
