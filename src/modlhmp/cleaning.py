@@ -21,7 +21,7 @@ from modlhmp.settings import unknown
 from modlhmp.splits import in_part, in_split, only_of
 from modlhmp.storage import DataError
 from modlhmp.time_step import interpolate
-from modlhmp.tracks import LEAST_JUMP_S, Tracks, laid_out, usual_step
+from modlhmp.tracks import LEAST_JUMP_S, Tracks, laid_out, usual_step, whole_ids
 
 # Reasons for which readers drop a row that should have been somebody's position at a time.
 FAULTS = ("text_value", "nan_value", "infinite_value", "absurd_value", "wrong_column_count", "no_track_id")
@@ -83,7 +83,9 @@ def clean_rows(
         owners = account.owners if form.same_person else None
         tracks = _drop(tracks, "other_split", ~in_split(tracks, recording, owners), account)
     if recording.part:
-        tracks = _drop(tracks, "other_part", ~in_part(tracks, recording.part), account)
+        pieces = {int(piece): whole for piece, whole in _pieces(tracks, account, form).items()}
+        person = whole_ids(tracks.track_id[tracks.bounds()[:-1]], pieces)
+        tracks = _drop(tracks, "other_part", ~in_part(tracks, recording.part, person), account)
     account.rows_kept = len(tracks.t)
     account.tracks_kept = len(tracks.bounds()) - 1
     if np.isnan(tracks.speed).all():
@@ -104,13 +106,19 @@ def clean_rows(
             f"tracks dropped: {dict(account.dropped_tracks)}; {_remedy(form, usual_step(whole), account)}"
         )
     known = account.owners.of(tracks.track_id[tracks.bounds()[:-1]])
-    pieces = {number: id_of(owner) for number, (owner, piece) in known.items() if piece > 1 and form.same_person}
-    beside: dict[str, Any] = {name: ids for name, ids in (("owners", known), ("persons", pieces)) if ids}
+    told = (("owners", known), ("persons", _pieces(tracks, account, form)))
+    beside: dict[str, Any] = {name: ids for name, ids in told if ids}
     if account.scenes is not None:
         scenes = of_pieces(account.scenes, tracks, account.owners)
         account.notes["scenes_of_others"] = len(account.scenes.begin) - len(scenes.begin)
         beside["scenes"] = scenes.plain()
     return tracks, {**account.as_dict(), **beside}
+
+
+def _pieces(tracks, account, form):
+    """As JSON data: {track id of a later piece: that of the first}; nothing where they are not one person."""
+    known = account.owners.of(tracks.track_id[tracks.bounds()[:-1]]) if form.same_person else {}
+    return {number: id_of(owner) for number, (owner, piece) in known.items() if piece > 1}
 
 
 def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Account) -> Tracks:

@@ -85,8 +85,8 @@ class FileFormat:
     )
     same_person: bool = option(
         False,
-        "whether the pieces of a track that was split are one person: on one side of a split by person, and one "
-        "cluster of tests and intervals",
+        "whether the pieces of a track that was split are one person: on one side of a split by person, of folds and "
+        "of what is held out to choose by, and one cluster of tests and intervals",
     )
     max_gap_s: Positive | None = option(
         None,

@@ -42,6 +42,7 @@ class Kind:
     outside: bool = False  # forecasts are files that others made
     one_path: bool = False  # whether its forecast is one path, which can be averaged with others'
     from_share: bool = False  # whether its map can be built again from a share of the training tracks
+    of_persons: bool = False  # whether building its map holds persons out, so that all of each is to be one track
     learned: bool = False  # a network
     density: bool = False  # whether its map is a density of velocities by place and time (`maps.density`)
     published: bool = False  # one of the paper's methods
@@ -124,7 +125,7 @@ BUILT_IN = (
     _sampled("stef", "STeF", "modlhmp.maps.stef", options.StefBuilding, hourly=True),
     _sampled(
         "neural_velocity", "Neural velocity map", "modlhmp.networks.neural_velocity", options.NeuralVelocityBuilding,
-        hourly=True, form="tc_cliff", published=False,
+        hourly=True, form="tc_cliff", published=False, of_persons=True,
     ),
     Kind(
         name="episodes", title="Episodes", options=options.Episodes, module="modlhmp.maps.episodes",

@@ -6,6 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from modlhmp.forecasting.base import Forecaster
@@ -16,7 +17,7 @@ from modlhmp.options import Learning
 from modlhmp.settings import as_plain, build
 from modlhmp.site import Site
 from modlhmp.storage import DataError
-from modlhmp.tracks import Tracks
+from modlhmp.tracks import Tracks, whole_persons
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,9 +50,16 @@ class Method:
         )  # fmt: skip
 
 
-def build_map(kind: str, tracks: Tracks, site: Site, building: Any) -> tuple[pa.Table | None, dict[int, pa.Table]]:
-    """The tables of a kind's map: (of the whole day, {hour: of that hour}); one of the two may be missing."""
+def build_map(
+    kind: str, tracks: Tracks, site: Site, building: Any, person: np.ndarray | None = None
+) -> tuple[pa.Table | None, dict[int, pa.Table]]:
+    """The tables of a kind's map: (of the whole day, {hour: of that hour}); one of the two may be missing.
+
+    `person` [rows] numbers whose each row of the tracks is; without it every track is a person of its own.
+    """
     record = find(kind)
+    if record.of_persons and person is not None:
+        tracks = whole_persons(tracks, person)
     module = record.implementation()
     if record.hourly:
         return module.build_hours(tracks, site, building)

@@ -148,12 +148,48 @@ def person_ids(*paths: str | Path) -> dict[int, int]:
     return {int(piece): whole for one in known for piece, whole in one.items()}
 
 
+def whole_ids(track_id: np.ndarray, pieces: Mapping[int, int]) -> np.ndarray:
+    """Track ids [n], of a later piece that of the first (`pieces`, as of `person_ids`)."""
+    if not pieces:
+        return track_id
+    ids, which = np.unique(track_id, return_inverse=True)
+    return np.array([pieces.get(one, one) for one in ids.tolist()], np.int64)[which]
+
+
+def numbered(track_ids: Iterable[np.ndarray], files: Iterable[str | Path]) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers [n] of the person and of the recording of each row; `track_ids` are those of each of the files' rows."""
+    persons, recordings, first = [np.empty(0, np.int64)], [np.empty(0, np.int64)], 0
+    for place, (track_id, file) in enumerate(zip(track_ids, files, strict=True)):
+        people, person = np.unique(whole_ids(track_id, person_ids(file)), return_inverse=True)
+        persons.append(first + person)
+        recordings.append(np.full(len(track_id), place))
+        first += len(people)
+    return np.concatenate(persons), np.concatenate(recordings)
+
+
+def read_people(files: Sequence[str | Path]) -> tuple[Tracks, np.ndarray]:
+    """Clean recordings `together`, and the number of the person of each row."""
+    tables = list(map(read_tracks, files))
+    return together(tables), numbered((one.track_id for one in tables), files)[0]
+
+
+def whole_persons(tracks: Tracks, person: np.ndarray) -> Tracks:
+    """Tracks of which all those of one person are one, with the id of the first; `person` [rows] says whose they are.
+
+    As they are where every track is a person of its own.
+    """
+    _, first, which = np.unique(person, return_index=True, return_inverse=True)
+    ids = tracks.track_id[first][which]
+    if np.array_equal(ids, tracks.track_id):
+        return tracks
+    return tracks._replace(track_id=ids).take(np.lexsort((tracks.t, ids)))
+
+
 def with_persons(table: pa.Table, persons: Mapping[int, int]) -> pa.Table:
     """A table with a column `track_id`, and at its end whose each is as `person`; without `persons` as it is."""
     if not persons:
         return table
-    whose = [persons.get(one, one) for one in column(table, "track_id").tolist()]
-    return table.append_column("person", pa.array(whose, pa.int64()))  # of no rows, too
+    return table.append_column("person", pa.array(whole_ids(column(table, "track_id"), persons)))
 
 
 def read_tracks(path: str | Path) -> Tracks:

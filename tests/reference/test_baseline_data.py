@@ -1,5 +1,7 @@
 """What the networks are shown: scenes against loops over people and steps, training windows, the validation split."""
 
+from collections import Counter
+
 import numpy as np
 import pytest
 import twins
@@ -8,9 +10,20 @@ from crowds import START, crowd, people_of, reordered, straight, walk
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.neighbours import MOST
 from modlhmp.forecasting.recording import forecast_recording
-from modlhmp.networks.data import Day, day_of, draw_windows, observed_scene, scenes_at, training_data, training_windows
+from modlhmp.ids import id_of
+from modlhmp.networks.data import (
+    Day,
+    day_of,
+    draw_windows,
+    observed_scene,
+    persons_held_out,
+    scenes_at,
+    training_data,
+    training_windows,
+)
 from modlhmp.site import Site
 from modlhmp.storage import DataError
+from modlhmp.streams import stream_keys
 from modlhmp.tracks import concatenate, empty_tracks, usable_tracks
 
 GAPS = (1, 1, 1, 1, 2)  # steps between rows, so that tracks are usable
@@ -242,6 +255,32 @@ def test_somebody_is_held_out_even_of_few(people, share):
         held_out = who_is(data.validation)
         assert len(held_out) == 1 if share == 0 else held_out
         assert sorted(training_people(data) + held_out) == list(range(people))
+
+
+@pytest.mark.parametrize("held_out", ["persons", "blocks"])
+def test_pieces_of_one_person_are_on_one_side(held_out):
+    """Hours apart as well, and where the first piece is too short to be used."""
+    pieces = {id_of(str(n), piece): n for n in range(200) for piece in (2, 3)}
+    tracks = [straight(n, (0, 0), (n / 100, 0), 20 if n % 5 else 3, 100.0 * n) for n in range(200)]
+    tracks += [straight(one, (0, 0), (n / 100, 0), 20, 100.0 * n + 9000 * (i + 1))
+               for i, (one, n) in enumerate(sorted(pieces.items()))]  # fmt: skip
+    days = [day_of(concatenate(tracks), [paced(range(5))], 4, pieces=pieces)]
+    for seed in range(3):
+        data = training_data(days, "masked", 0.2, seed, *SHAPE, held_out=held_out)
+        out, trained = Counter(who_is(data.validation)), Counter(who_is(data.draw(np.random.default_rng(0))))
+        assert out
+        assert not out.keys() & trained.keys()
+        assert out + trained == {n: 3 if n % 5 else 2 for n in range(200)}
+
+
+def test_where_nobody_was_cut_the_hash_of_the_track_decides():
+    """Pieces of people who are not in the recording change nothing; nor does whether there are others."""
+    for ids in (range(300), [id_of(f"P{n}") for n in range(300)]):
+        tracks = concatenate([straight(n, (0, 0), (1, 0), 20) for n in sorted(ids)])
+        for pieces in (None, {7 * 10**6: 5}):
+            day = day_of(tracks, [], 4, pieces=pieces)
+            key = stream_keys(day.tracks.track_id[day.rows[:, 0]], 1, "validation", 4)[:, 0]
+            np.testing.assert_array_equal(persons_held_out([day], 0.3, 4)[0], key <= np.uint64(0.3 * 2.0**64))
 
 
 def test_nobody_is_held_out_of_nobody():

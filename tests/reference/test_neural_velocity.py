@@ -11,6 +11,7 @@ import modlhmp
 from modlhmp import DataError, Site
 from modlhmp.maps import density, every_hour
 from modlhmp.maps.density import NoMap
+from modlhmp.methods import build_map
 from modlhmp.networks import neural_velocity, velocity_net
 from modlhmp.options import NeuralVelocityBuilding
 from modlhmp.storage import column
@@ -236,6 +237,30 @@ def test_too_few_persons_are_refused(tracks):
     few = tracks.take(tracks.track_id < 9)
     with pytest.raises(DataError, match=r"needs 10 persons who move, .*recordings have 9"):
         neural_velocity.build_hours(few, SITE)
+
+
+def in_pieces(tracks):
+    """The same rows, every person's later half being a track of its own; and whose each row is."""
+    begin = tracks.t[tracks.bounds()[:-1]]
+    later = tracks.t - np.repeat(begin, np.diff(tracks.bounds())) > 6
+    both = tracks._replace(track_id=tracks.track_id + 10_000 * later)
+    order = np.argsort(both.track_id, kind="stable")
+    return both.take(order), tracks.track_id[order]
+
+
+def test_who_was_cut_into_pieces_is_one_person(tracks):
+    """Trained on or held out as a whole: the map is that of the uncut tracks; and one of the ten that are needed."""
+    building, some = NeuralVelocityBuilding(epochs=2), tracks.take(tracks.track_id < 60)
+    cut, person = in_pieces(some)
+    found, like = (
+        build_map("neural_velocity", *one) for one in ((cut, SITE, building, person), (some, SITE, building))
+    )
+    assert found[0].equals(like[0])
+    assert all(table.equals(like[1][hour]) for hour, table in found[1].items())
+    assert not build_map("neural_velocity", cut, SITE, building)[0].equals(like[0])
+    cut, person = in_pieces(tracks.take(tracks.track_id < 9))
+    with pytest.raises(DataError, match="recordings have 9"):
+        build_map("neural_velocity", cut, SITE, building, person)
 
 
 def test_those_who_stand_and_rows_without_a_velocity_do_not_count(tracks):

@@ -12,7 +12,18 @@ from modlhmp.scoring.errors import nan_mean, seed_mean
 from modlhmp.scoring.ttests import paired_test
 from modlhmp.storage import write_pieces
 from modlhmp.study.comparisons import compare
-from modlhmp.study.summary import COLUMNS, Errors, at_horizons, at_own_length, read_errors, sample_sd, summarise
+from modlhmp.study.csv_cells import csv_text
+from modlhmp.study.summary import (
+    COLUMNS,
+    NAMES,
+    Errors,
+    at_horizons,
+    at_own_length,
+    read_errors,
+    read_scores,
+    sample_sd,
+    summarise,
+)
 
 STEPS = 12
 # In the order of the alphabet "day/..." comes after "day.x/...", though "day" comes before "day.x".
@@ -177,3 +188,14 @@ def test_memory_grows_with_a_recording_not_with_their_number(tmp_path):
     means = 15 * 40 * STEPS * 8 * 2  # of every further track, float64, ADE and FDE
     all_in_memory = 15 * 40 * STEPS * 4 * 2 * 12  # the errors themselves, with 12 seeds
     assert many - few < 2 * means < all_in_memory / 2
+
+
+def test_scores_are_read_as_they_were_written(tmp_path):
+    """Whatever the names look like: numbers, what tables write for nothing, what a spreadsheet would run."""
+    texts = ["20121024", "007", "1e5", "1.50", "NA", "null", "nan", "None", "True", "-x", "=1", "a b,c", "zurich"]
+    table = pd.DataFrame(dict.fromkeys(NAMES, texts))
+    numbers = [name for name in COLUMNS if name not in NAMES]
+    table[numbers] = np.arange(len(texts) * len(numbers)).reshape(len(texts), -1) / 8
+    table.loc[3, "ade_m"] = np.nan
+    (tmp_path / "results.csv").write_text(csv_text(table[list(COLUMNS)]))
+    pd.testing.assert_frame_equal(read_scores(tmp_path / "results.csv"), table[list(COLUMNS)], check_dtype=False)

@@ -12,6 +12,7 @@ from modlhmp.maps.base import DAY
 from modlhmp.methods import build_map
 from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import write_parquet, write_text
+from modlhmp.study.csv_cells import csv_text
 from modlhmp.study.explorer import page
 from modlhmp.study.summary import read_errors, summarise
 from modlhmp.tracks import Tracks, write_tracks
@@ -83,7 +84,7 @@ def make_run(layout, datasets=(HALL, YARD), maps=MAPS, number=24):
             errors = layout.errors(dataset.name, method)
             write_parquet(score_recording(tested, [(0, ids, forecast)], "tuesday", dataset), errors)
             tables.append(summarise(dataset.name, method, read_errors(errors), dataset.time_step_s))
-    write_text(layout.scores, pd.concat(tables).to_csv(index=False))
+    write_text(layout.scores, csv_text(pd.concat(tables)))
 
 
 def make_page(layout, datasets=(HALL, YARD), tracks=("hall",), maps=MAPS, number=24):

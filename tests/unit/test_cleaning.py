@@ -437,6 +437,34 @@ def test_a_fold_s_contemporaries_are_not_in_what_is_without_it(spans, fold):
     assert sum(in_part(tracks, f"fold-{one}").astype(int) for one in range(1, FOLDS + 1)).tolist() == [1] * len(spans)
 
 
+@given(
+    st.lists(st.tuples(st.floats(0, 40_000), st.floats(1, 3000), st.integers(0, 9)), min_size=1, max_size=30),
+    st.sampled_from(["fit", "validation", "fold-1", "without-1", "fold-4", "without-4"]),
+)
+def test_all_tracks_of_a_person_are_in_one_part(spans, part):
+    """That of somebody who comes with the first and goes with the last of them."""
+    tracks = concatenate(track(n, start + np.array([0.0, lasts])) for n, (start, lasts, _) in enumerate(spans))
+    people, whose = np.unique([person for *_, person in spans], return_inverse=True)
+    ends = [[(start, start + lasts) for start, lasts, who in spans if who == person] for person in people]
+    whole = concatenate(track(n, np.array([min(own)[0], max(end for _, end in own)])) for n, own in enumerate(ends))
+    np.testing.assert_array_equal(in_part(tracks, part, whose), in_part(whole, part)[whose])
+    np.testing.assert_array_equal(in_part(tracks, part, np.arange(len(spans))), in_part(tracks, part))
+
+
+@pytest.mark.parametrize("same_person", [False, True])
+def test_who_comes_back_is_in_one_part(write, same_person):
+    """With all their pieces, where these are one person."""
+    rows = "".join(f"{n * 700 + later + s},{n},{s},{n}\n" for n in range(60) for later in (0, 9000) for s in range(4))
+    whose = [
+        {account.get("persons", {}).get(str(one), one) for one in tracks.track_id.tolist()}
+        for tracks, account in (
+            clean(write, rows, part, gaps="split", same_person=same_person) for part in ("fit", "validation")
+        )
+    ]
+    assert len(whose[0] | whose[1]) == (60 if same_person else 120)
+    assert not whose[0] & whose[1]
+
+
 def test_without_a_part_nobody_is_left_out(write):
     assert "other_part" not in clean(write, hours(3))[1]["tracks"]["dropped"]
 

@@ -3,6 +3,7 @@
 import dataclasses
 import inspect
 import json
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from modlhmp.settings import as_plain
 from modlhmp.study.configuration import load_datasets, load_run
 from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study.exhibits.words import SEED_MEANS
@@ -157,6 +159,34 @@ def test_a_study_varies_what_is_tuned_for_the_dataset():
     chosen = {shown[0].name: asks["chosen"]["beta"] for shown, asks in calls(study, plan)}
     assert chosen == {name: plan.method(name, "tc_tuned").options.beta for name in plan.datasets}
     assert chosen == {"demo_hall": 64.0, "demo_forum": 2.0}
+
+
+@pytest.mark.parametrize(
+    "compare",
+    [["cliff", "cvm"], ["stef", "neural_map"], ["episodes_medoid", "snippets_medoid"], ["episodes", "snippets"]],
+)
+def test_captions_name_no_method_that_a_run_has_not(plan, compare):
+    """But for the paper's claims, which are about the paper's."""
+    studies = {"method": "cliff", "occupied": {"methods": ["episodes"]}}
+    rungs = {"reference": compare[0], "rows": [[name, "a change"] for name in compare]}
+    run = plan_of(compare=compare, comparisons=[], ladder=rungs, studies=studies)
+    named = {run.run.title(name) for name in (*compare, "cliff", "episodes")}
+    others = {entry.title for entry in plan.run.entries.values()} - named
+    captions = {one.name: one.caption_in(run) for one in EXHIBITS if one.made_in(run) and one.section != "claims"}
+    for name, caption in captions.items():
+        assert not [title for title in others if re.search(rf"(?<![\w-]){re.escape(title)}(?![\w-])", caption)], name
+    assert ("geometric median" in captions.get("memory-maps", "")) == ("episodes" in compare)
+
+
+def test_captions_have_the_titles_of_a_run(plan):
+    methods = as_plain(plan.run)["methods"]
+    methods["tc_cliff"] = {"title": "Ours"}
+    methods["position_free"]["title"] = "Blind"
+    rungs = {"reference": "tc_cliff", "rows": [["tc_cliff", "a map"], ["position_free", "none"]]}
+    run = plan_of(methods=methods, compare=["tc_cliff", "position_free"], comparisons=[], ladder=rungs)
+    captions = {one.name: one.caption_in(run) for one in EXHIBITS}
+    assert captions["rank-metrics"].startswith("ADE of Ours ")
+    assert '"Blind" knows only' in captions["ladder"]
 
 
 def test_a_run_makes_what_its_methods_and_studies_allow(plan):

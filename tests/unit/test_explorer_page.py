@@ -5,11 +5,12 @@ Without a Chromium (Debian: apt install chromium) these tests are skipped.
 
 import base64
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from explored_run import HALL, YARD, make_page
+from explored_run import HALL, LONE_Y, YARD, make_page
 
 from modlhmp.study.explorer.look import page
 from modlhmp.study.explorer.pack import packed, unpacked
@@ -51,6 +52,11 @@ def ready(one):
 
 def state(one, name):
     return one.ask(f"explorer.state.{name}")
+
+
+def where(one, x, y, number=0):
+    """Where a position of a dataset is on its map, as shares of the map's width and height."""
+    return one.ask(f"(({{ view: v }}) => [v.px({x}) / v.width, v.py({y}) / v.height])(explorer.sets[{number}])")
 
 
 def choose(one, number):
@@ -109,8 +115,7 @@ def test_pointing_shows_a_location_and_a_click_keeps_it(shown):
     shown.point(OVER, 0.5, 0.6, press=False)
     hovered = state(shown, "place")
     shown.ask("explorer.sets[0].view.fit()")
-    x, y = shown.ask("(() => { const v = explorer.sets[0].view; return [v.px(14) / v.width, v.py(0) / v.height]; })()")
-    shown.point(OVER, x, y)
+    shown.point(OVER, *where(shown, 14, 0))
     assert state(shown, "place") == {"x": 14, "y": 0}
     assert state(shown, "pinned")
     here = shown.pixels(CYLINDER)
@@ -156,6 +161,110 @@ def test_two_hours_side_by_side_are_two_pictures(shown):
     shown.set("#hour", 0, "input")
 
 
+@pytest.fixture
+def second(shown):
+    """The hall, and beside it the yard from 10 to 11, which has nobody who walks alone; as it was, once it is done."""
+    shown.press("c")
+    shown.set("#other", "1")
+    shown.set("#otherhour", 2)
+    for number in (0, 1):
+        shown.ask(f"explorer.sets[{number}].view.fit()")
+    yield shown
+    shown.set("#other", "0")
+    shown.set("#otherhour", 2)
+    shown.ask("document.activeElement.blur()")
+    shown.press("Escape", "c")
+    assert state(shown, "place") is None
+    assert shown.ask("document.querySelector('[data-panel=\"1\"]').hidden")
+
+
+def card(one):
+    """What a location's card says: where and when, and its counts."""
+    return one.text("#where"), dict(zip(*(one.ask(
+        f"[...document.querySelectorAll('#counts {name}')].map((each) => each.textContent)") for name in ("dt", "dd")
+    ), strict=True))  # fmt: skip
+
+
+def test_a_tap_on_the_second_map_shows_what_is_there(second):
+    """Its dataset at its hour, as the first map would have shown it; the card says which of the two it is of."""
+    second.point("#map1", *where(second, 14, 0, 1))
+    title, counts = card(second)
+    assert title.startswith("Yard")
+    assert title.endswith("(14.0, 0.0) m, 10:00–11:00")
+    ring = second.pixels(OVER)  # the other place has no such location
+    second.set("#otherhour", 1)  # the card follows its map
+    assert card(second) == (title.replace("10:00–11:00", "09:00–10:00"), card(second)[1])
+    assert card(second)[1] != counts
+    second.ask("document.querySelector('#byhour').dispatchEvent(new MouseEvent('click', { clientX: 1e4 }))")
+    second.drawn()
+    assert (state(second, "otherPeriod"), state(second, "period")) == (2, 0)
+    assert card(second) == (title, counts)
+    second.point(OVER, *where(second, 14, 0))
+    assert card(second)[0] == "Hall, (14.0, 0.0) m, whole day"
+    assert second.pixels(OVER) != ring
+    second.press("c")
+    assert card(second)[0] == "(14.0, 0.0) m, whole day"
+    second.set("#set", 1)
+    second.set("#hour", 2, "input")
+    second.point(OVER, *where(second, 14, 0, 1))
+    assert card(second)[1] == counts
+    second.set("#set", 0)
+    second.set("#hour", 0, "input")
+    second.press("c")
+
+
+def test_keys_on_the_second_map_are_its_own(second):
+    """Its locations, its hours, its scale; and a place of the one is no place of the other."""
+    second.ask("document.querySelector('#map1').focus()")
+    second.press("ArrowUp")
+    assert state(second, "panel") == 1
+    for _ in range(30):
+        second.press("ArrowUp")
+    assert state(second, "place.y") < LONE_Y - 2  # where one person alone walks in the hall
+    second.press("[")
+    assert (state(second, "otherPeriod"), state(second, "period")) == (1, 0)
+    second.press("]")
+    assert second.text("#where").endswith("10:00–11:00")
+    second.ask("document.querySelector('#map0').focus()")
+    for _ in range(30):
+        second.press("ArrowUp")
+    assert (state(second, "panel"), state(second, "place.y")) == (0, LONE_Y)
+    second.set("#otherhour", 1)
+    second.ask("document.querySelector('#map1').focus()")
+    second.press("ArrowRight")
+    second.set("#other", "0")
+    assert state(second, "place") is None  # which was of the yard
+
+
+@pytest.mark.parametrize(("nearer", "farther", "all_of_it"), [("+", "-", "0"), ("in", "out", "fit")])
+@pytest.mark.parametrize("panel", [0, 1])
+def test_each_map_has_a_scale_of_its_own(second, panel, nearer, farther, all_of_it):
+    """By keys and by buttons."""
+
+    def act(what):
+        if len(what) == 1:
+            second.press(what)
+        else:
+            second.click(f"#{what}{panel}")
+        return second.ask("explorer.sets.map(({ view }) => view.scale)")
+
+    second.ask(f"document.querySelector('#map{panel}').focus()")
+    before = second.ask("explorer.sets.map(({ view }) => view.scale)")
+    scales = [act(what) for what in (nearer, farther, farther, all_of_it)]
+    own, other = ([one[at] for one in scales] for at in (panel, 1 - panel))
+    assert other == [before[1 - panel]] * 4
+    assert own[0] > own[1] > own[2]
+    assert own[3] == before[panel]
+
+
+def test_who_starts_on_a_second_map_of_the_same_place_is_chosen_there(second):
+    second.set("#other", "0")
+    x, y = start_of_the_first(second)
+    second.point("#map1", x, y)
+    assert state(second, "person") is not None
+    second.press("Escape")
+
+
 def test_a_person_is_found_and_followed(shown):
     """By the list, second by second, and by every method."""
     shown.ask("document.querySelector('#search').focus()")
@@ -194,12 +303,15 @@ def test_a_person_is_found_and_followed(shown):
     shown.set("#search", "", "input")
 
 
+def start_of_the_first(one):
+    """Where the first person starts, as shares of the hall's map."""
+    people = "explorer.sets[0].set.people"
+    rows = one.ask(f"{people}.rows")
+    return where(one, one.ask(f"{people}.observed[{rows - 1}]"), one.ask(f"{people}.observed[{2 * rows - 1}]"))
+
+
 def test_a_click_on_a_start_chooses_that_person(shown):
-    x, y = shown.ask(
-        "(() => { const { set, view } = explorer.sets[0], n = set.people.rows, o = set.people.observed;"
-        " return [view.px(o[n - 1]) / view.width, view.py(o[2 * n - 1]) / view.height]; })()"
-    )
-    shown.point(OVER, x, y)
+    shown.point(OVER, *start_of_the_first(shown))
     assert state(shown, "person") is not None
 
 
@@ -266,6 +378,35 @@ def test_a_second_run_is_added_from_its_page(shown, tmp_path):
     shown.press("c")
 
 
+def of_plan(folder, image, run):
+    """The page of a run whose hall has a floor plan of these rows of grey, 10 m a pixel."""
+    rows = "\n".join(" ".join(map(str, row)) for row in image)
+    (folder / f"{run}.pgm").write_text(f"P2 {len(image[0])} {len(image)} 255\n{rows}\n")
+    (folder / f"{run}.yaml").write_text(
+        f"image: {run}.pgm\nresolution: 10\norigin: [-8, 2, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    )
+    return make_page(Layout(run, str(folder)), (replace(HALL, floor_plan=(str(folder / f"{run}.yaml"),)),))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_two_runs_of_one_name_have_floor_plans_of_their_own(tmp_path, dark):
+    """A dropped run is drawn as its own page draws it."""
+    images = {"one": [[0, 255], [0, 255]], "two": [[255, 0], [0, 0]]}
+    paths = [of_plan(tmp_path, image, run) for run, image in images.items()]
+    grounds = []
+    for path in paths:
+        with browser.Page(path, dark=dark) as page:
+            ready(page)
+            grounds.append(page.ask(GROUND.replace("NUMBER", "0")))
+    assert grounds[0] != grounds[1]
+    with browser.Page(paths[0], dark=dark) as page:
+        ready(page)
+        page.choose_file("#file", paths[1])
+        page.until("document.querySelector('#dropped').textContent === 'Run two is added.'")
+        page.drawn()
+        assert [page.ask(GROUND.replace("NUMBER", str(number))) for number in (0, 1)] == grounds
+
+
 @pytest.mark.parametrize(("width", "dark"), [(390, False), (390, True), (1280, True)])
 def test_it_fits_small_and_dark_screens(path, width, dark):
     """Nothing is wider than the screen, whatever can be pressed is large enough for a finger, and a tap works."""
@@ -275,11 +416,8 @@ def test_it_fits_small_and_dark_screens(path, width, dark):
         assert one.ask("document.documentElement.hasAttribute('data-dark')") is dark
         assert not one.ask(SMALL)
         if width < 500:
-            x, y = one.ask(
-                "(() => { const v = explorer.sets[0].view; return [v.px(14) / v.width, v.py(0) / v.height]; })()"
-            )
             before = one.pixels(OVER)
-            one.tap(OVER, x, y)
+            one.tap(OVER, *where(one, 14, 0))
             assert one.pixels(OVER) != before
         assert not one.faults
 
@@ -303,7 +441,7 @@ def test_the_keyboard_reaches_everything(shown):
     for _ in range(90):
         shown.press("Tab")
         reached.append(shown.ask("document.activeElement.id || document.activeElement.value || ''"))
-    wanted = ["set", "cliff", "grey", "theme", "map0", "in", "play", "hour", "compare", "file", "search", "list"]
+    wanted = ["set", "cliff", "grey", "theme", "map0", "in0", "play", "hour", "compare", "file", "search", "list"]
     first = reached.index("set")
     order = [reached.index(one, first) for one in wanted]
     assert order == sorted(order)
@@ -338,6 +476,12 @@ COLOURFULNESS = """(() => {
     if (data[i + 3] > 100) most = Math.max(most, Math.abs(data[i] - data[i + 1]), Math.abs(data[i] - data[i + 2]));
   return most;
 })()"""
+
+# Colours of the floor at the same places, where nobody walks and nothing is written.
+GROUND = """[[-3, 7], [4, 7], [-3, 17], [4, 16]].map(([x, y]) => {
+  const { view } = explorer.sets[0], canvas = document.querySelectorAll(".base")[NUMBER];
+  return [...canvas.getContext("2d").getImageData(view.px(x), view.py(y), 1, 1).data];
+})"""
 
 NAMELESS = """[...document.querySelectorAll("canvas, input, select, button")]
   .filter((one) => one.ariaHidden !== "true" && !one.getAttribute("aria-label")

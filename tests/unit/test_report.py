@@ -1,19 +1,25 @@
 """The report: every exhibit once and in its place, sentences from the run's numbers, one file that asks no network."""
 
+import base64
 import re
 from collections import Counter
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from explored_run import HALL, YARD
+from explored_run import HALL, MAPS, METHODS, RECORDINGS, YARD
 from reported_run import ACCOUNT, DAYS, GRAPH, NOTE, make_report
 
 from modlhmp import __version__
 from modlhmp.storage import DataError, write_json
+from modlhmp.study import publish
+from modlhmp.study.exhibits import coverage, horizon_errors, ranking_gain, tables
 from modlhmp.study.exhibits.table_forms import tables_of
+from modlhmp.study.explorer import page as explorer
+from modlhmp.study.explorer.pack import unpacked
 from modlhmp.study.layout import Layout
 from modlhmp.study.report import ASSETS, facts
 from modlhmp.study.report.rule_graph import RuleGraph, columns_of, grouped, picture, without_shortcuts
@@ -255,3 +261,30 @@ def test_it_prints(made):
     assert (short["hidden"], long["hidden"]) == (0, 1)
     assert short["note"] == "none" and "first 32 rows" in long["note"] and "tab_long" in long["note"]
     assert [one["wide"] for one in others] == [False, True, True]
+
+
+def shown_of(layout, name):
+    """What all that reads `results.csv` says of a run whose dataset has this name, the name taken out."""
+    dataset = replace(HALL, name=name)
+    report, _ = make_report(layout, (dataset,))
+    stems = [layout.exhibit(one) for one in "abcd"]
+    tables.draw_results(layout, [dataset], stems[0], METHODS, {name: [6.0, 12.0]})
+    coverage.draw(layout, [dataset], stems[1], METHODS)
+    horizon_errors.draw(layout, dataset, stems[2], METHODS)
+    ranking_gain.draw(layout, [dataset], stems[3], "tc_cliff", "TC-CLiFF")
+    explorer.draw(layout, [dataset], layout.exhibit("e"), METHODS, MAPS, [], {name: RECORDINGS}, "")
+    data = Path(f"{layout.exhibit('e')}.html").read_text().split('id="data">')[1].split("<")[0]
+    return [
+        Reader(Path(report).read_text(encoding="utf-8")).said,
+        *(re.sub(f"^'?{re.escape(name)},", "", Path(f"{stem}.csv").read_text(), flags=re.M) for stem in stems),
+        repr(unpacked(base64.b64decode(data))["sets"][0]["methods"]),
+        [*publish._of_run(layout)["scores"].values()],
+    ]
+
+
+def test_a_dataset_may_have_any_name(tmp_path):
+    """A number, or what tables write for nothing: all is as under a plain name."""
+    plain, *others = (shown_of(Layout("small", str(tmp_path / one)), one) for one in ("hall", "20121024", "NA"))
+    assert "not run" not in plain[1]
+    for other in others:
+        assert other == plain

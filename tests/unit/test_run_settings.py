@@ -770,6 +770,35 @@ def test_without_a_clock_there_are_no_maps_by_hours(config):
 
 
 @pytest.mark.parametrize(
+    ("studies", "fits"),
+    [
+        ({}, False),
+        ({"method": "stef", "beta": []}, False),
+        ({"method": "tc_radius", "sampling_radius_m": []}, False),
+        ({"method": "cliff"}, True),
+        ({"beta": [], "sampling_radius_m": []}, True),
+        ({"method": "cliff", "occupied": {"methods": ["tc_cliff"]}}, True),  # asked of datasets with a clock alone
+    ],
+)
+def test_without_a_clock_no_map_by_hours_is_studied(config, studies, fits):
+    """Nor is any other planned: whatever is not refused has none."""
+    listed = {**config, "run": "mine", "datasets": ["hotel"], "compare": ["cvm", "cliff", "episodes"]}
+    run = load({**listed, "ladder": {"rows": []}, "studies": studies})
+    try:
+        datasets = load_datasets(run, DATASETS, "nowhere", "demo")
+    except DataError as error:
+        assert re.search(
+            r"hotel\.yaml: its `clock` is unknown.*another `studies\.method` than \w+, or leave", str(error)
+        )
+        assert not fits
+    else:
+        plan = Plan(run, Layout("mine"), datasets)
+        assert fits
+        assert not plan.foretold
+        assert not plan.studied or not run.kind(run.studies.method).hourly
+
+
+@pytest.mark.parametrize(
     ("name", "told"),
     [
         ("{x}.csv", "the character '{'"), ("x}.csv", "the character '}'"), ("<wild>.csv", "the character '<'"),

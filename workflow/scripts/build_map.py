@@ -10,12 +10,12 @@ from modlhmp.origins import provenance
 from modlhmp.settings import as_plain, build
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
-from modlhmp.tracks import read_tracks, together
+from modlhmp.tracks import read_people
 
 with job_log(snakemake.log[0]) as log:
     params, kind = snakemake.params, find(snakemake.params.kind)
-    tracks, site = together(map(read_tracks, snakemake.input.tracks)), build(Site, params.dataset)
-    whole, hours = build_map(kind.name, tracks, site, build(kind.building, params.building))
+    (tracks, person), site = read_people(snakemake.input.tracks), build(Site, params.dataset)
+    whole, hours = build_map(kind.name, tracks, site, build(kind.building, params.building), person)
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
     origin |= {"kind": kind.name, "site": as_plain(site)}
     if whole is not None:

@@ -17,9 +17,9 @@ from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.study.layout import Layout
-from modlhmp.study.likelihood import clusters_of, numbered
+from modlhmp.study.likelihood import clusters_of
 from modlhmp.study.likelihood_given import measure_given
-from modlhmp.tracks import read_tracks
+from modlhmp.tracks import numbered, read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, dataset, files = snakemake.params, snakemake.wildcards.dataset, snakemake.input

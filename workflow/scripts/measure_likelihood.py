@@ -8,15 +8,14 @@ from modlhmp.origins import provenance
 from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
-from modlhmp.study.likelihood import Mapped, clusters_of, measure, numbered
+from modlhmp.study.likelihood import Mapped, clusters_of, measure
 from modlhmp.study.studies import sample_tracks
-from modlhmp.tracks import read_tracks, together
+from modlhmp.tracks import numbered, read_people, read_tracks, together
 
 with job_log(snakemake.log[0]) as log:
     params, dataset, files = snakemake.params, snakemake.wildcards.dataset, snakemake.input
     site = build(Site, params.dataset)
-    trainings = list(map(read_tracks, files.training))
-    person, _ = numbered([one.track_id for one in trainings], files.training)
+    training, person = read_people(files.training)
     tests = dict(zip(params.recordings, map(read_tracks, files.tracks), strict=True))
     tests = sample_tracks(tests, dataset, site, params.max_tracks)
     whose, recording = numbered([one.track_id for one in tests.values()], files.tracks)
@@ -26,7 +25,7 @@ with job_log(snakemake.log[0]) as log:
         for kind, plain in zip(params.kinds, params.buildings, strict=True)
     ]
     maps = [Mapped(*one) for one in zip(params.methods, params.kinds, files.maps, building, strict=True)]
-    tables = measure(together(trainings), person, together(tests.values()), cluster, site, maps)
+    tables = measure(training, person, together(tests.values()), cluster, site, maps)
     log.info("%d rows of test tracks, %d scores", len(whose), len(tables["scores"]))
     origin = provenance(dict(snakemake.wildcards), dict(params), files)
     for name, table in tables.items():

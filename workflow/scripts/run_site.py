@@ -12,6 +12,7 @@ from modlhmp.origins import provenance
 from modlhmp.storage import DataError, write_parquet, write_text
 from modlhmp.study.layout import Layout
 from modlhmp.study.sites import site_rows
+from modlhmp.study.summary import read_scores
 
 params, site = snakemake.params, snakemake.wildcards.site
 with job_log(snakemake.log.job) as log:
@@ -29,6 +30,6 @@ with job_log(snakemake.log.job) as log:
     if done.returncode:
         raise DataError(f"site {site}: its run failed (status {done.returncode}): {snakemake.log.run}")
     tests = pd.read_parquet(layout.ttests(dataset))
-    rows = site_rows(site, pd.read_csv(layout.scores), tests, params.reference, params.horizons)
+    rows = site_rows(site, read_scores(layout.scores), tests, params.reference, params.horizons)
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input)
     write_parquet(pa.Table.from_pandas(rows, preserve_index=False), snakemake.output[0], **origin)

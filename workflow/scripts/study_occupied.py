@@ -10,20 +10,22 @@ from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.study.occupied import measure
-from modlhmp.tracks import read_tracks, together
+from modlhmp.tracks import read_people
 
 with job_log(snakemake.log[0]):
     params, names = snakemake.params, snakemake.wildcards
     methods = [Method.of(one) for one in params.methods]
     buildings = {kind: build(find(kind).building, plain) for kind, plain in params.buildings.items()}
+    tracks, person = read_people(snakemake.input.tracks)
     tables = measure(
-        together(map(read_tracks, snakemake.input.tracks)),
+        tracks,
         build(Site, params.dataset),
         methods,
         buildings,
         params.every_s,
         params.horizons,
         (params.seed, names.dataset),
+        person,
     )
     origin = provenance(dict(names), dict(params), snakemake.input)
     for name, table in tables.items():

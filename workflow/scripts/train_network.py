@@ -13,7 +13,7 @@ from modlhmp.settings import build
 from modlhmp.site import Site
 from modlhmp.storage import write_json
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import read_tracks
+from modlhmp.tracks import person_ids, read_tracks
 
 with job_log(snakemake.log[0]) as log:
     params, method, site = snakemake.params, Method.of(snakemake.params.method), build(Site, snakemake.params.dataset)
@@ -23,7 +23,14 @@ with job_log(snakemake.log[0]) as log:
     names = {name for own, others in params.days.items() for name in (own, *others)}
     tracks = {name: read_tracks(layout.tracks(dataset, name)) for name in sorted(names)}
     days = [
-        day_of(tracks[name], [tracks[other] for other in others], site.observed_rows, site.timezone, site.time_step_s)
+        day_of(
+            tracks[name],
+            [tracks[other] for other in others],
+            site.observed_rows,
+            site.timezone,
+            site.time_step_s,
+            person_ids(layout.tracks(dataset, name)),
+        )
         for name, others in params.days.items()
     ]
     weights = Path(snakemake.output.weights)

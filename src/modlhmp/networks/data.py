@@ -5,7 +5,7 @@ the building it is; the originals are translation-invariant as well. `where` say
 learn a map. Nothing after t0 is in `past` or `where`.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,17 @@ from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.storage import DataError
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import LATE_STEPS, Tracks, clock_offsets, clock_time, positions_at, runs, together, usable_tracks
+from modlhmp.tracks import (
+    LATE_STEPS,
+    Tracks,
+    clock_offsets,
+    clock_time,
+    positions_at,
+    runs,
+    together,
+    usable_tracks,
+    whole_ids,
+)
 
 HELD_OUT_DAYS, HELD_OUT_BLOCKS = 0.2, 0.15  # shares, of `held_out: blocks`
 BLOCK_S, LEAST_BLOCKS = 1800.0, 20  # blocks are shorter where there would be too few
@@ -48,12 +58,18 @@ class Scenes(NamedTuple):
 class Day(NamedTuple):
     """One day's people: `tracks` of everyone, and the `rows` [n, 2] of the usable tracks of one split among them.
 
-    `timezone` is that of the clock.
+    `timezone` is that of the clock. `pieces` maps the tracks of those who were cut, where pieces are one person, to the
+    first usable one of each; who is not in it is one track.
     """
 
     tracks: Tracks
     rows: np.ndarray
     timezone: str = "UTC"
+    pieces: Mapping[int, int] = {}
+
+    def persons(self) -> np.ndarray:
+        """Whose each of the `rows` is, [n]: the id of the person's first track."""
+        return whole_ids(self.tracks.track_id[self.rows[:, 0]], self.pieces)
 
 
 def observed_scene(observed: Observed, step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -200,7 +216,7 @@ def training_data(
 
 def persons_held_out(days: Sequence[Day], share: float, seed: int) -> list[np.ndarray]:
     """Masks, one [n] per day, of the persons held out: a share of all, by a hash of their ids."""
-    keys = [stream_keys(d.tracks.track_id[d.rows[:, 0]], 1, "validation", seed)[:, 0] for d in days]
+    keys = [stream_keys(day.persons(), 1, "validation", seed)[:, 0] for day in days]
     lowest = min((key.min() for key in keys if len(key)), default=0)
     limit = max(np.uint64(share * 2.0**64), lowest)  # somebody at least is held out
     return [key <= limit for key in keys]
@@ -213,7 +229,7 @@ def blocks_held_out(days: Sequence[Day], seed: int) -> list[np.ndarray]:
     the same minutes than it is. A person belongs to the day and the block of the first row; blocks are chosen by a hash
     of their number.
     """
-    began = [day.tracks.t[day.rows[:, 0]] for day in days]
+    began = [_began(day) for day in days]
     t = np.concatenate([np.empty(0), *began])
     block = np.concatenate([np.empty(0), *(
         (first + clock_offsets(first, day.timezone)) // 86400 for first, day in zip(began, days, strict=True)
@@ -233,14 +249,31 @@ def blocks_held_out(days: Sequence[Day], seed: int) -> list[np.ndarray]:
     return np.split(np.isin(block, chosen), np.cumsum([len(first) for first in began])[:-1])
 
 
+def _began(day):
+    """Time [s] of the first row of the person of each track, [n]."""
+    t, (_, whose) = day.tracks.t[day.rows[:, 0]], np.unique(day.persons(), return_inverse=True)
+    first = np.full(len(t), np.inf)
+    np.minimum.at(first, whose, t)
+    return first[whose]
+
+
 def day_of(
-    own: Tracks, others: Iterable[Tracks], observed_rows: int, timezone: str = "UTC", step_s: float = 1.0
+    own: Tracks,
+    others: Iterable[Tracks],
+    observed_rows: int,
+    timezone: str = "UTC",
+    step_s: float = 1.0,
+    pieces: Mapping[int, int] | None = None,
 ) -> Day:
     """A `Day` of the tracks of one recording, with those of other recordings of that day as neighbours.
 
-    `step_s` is the time step of the tracks.
+    `step_s` is the time step of the tracks, `pieces` the recording's `person_ids`.
     """
-    return Day(together([own, *others]), usable_tracks(own, observed_rows, step_s), timezone)
+    tracks, rows = together([own, *others]), usable_tracks(own, observed_rows, step_s)
+    day, whole = Day(tracks, rows, timezone), whole_ids(own.track_id[rows[:, 0]], pieces or {})
+    _, first, whose = np.unique(whole, return_index=True, return_inverse=True)
+    ids = day.persons()
+    return day._replace(pieces=dict(zip(ids.tolist(), ids[first][whose].tolist(), strict=True)) if pieces else {})
 
 
 def _neighbours_after(tracks, whose, t0, steps, step_s):

@@ -312,7 +312,7 @@ def _fingerprint(kind, options, learning, code, days, shape):
     digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
     for day in days:
         digest.update(day.timezone.encode())
-        for part in (*day.tracks[:4], day.rows):
+        for part in (*day.tracks[:4], day.rows, day.persons()):
             digest.update(np.ascontiguousarray(part))  # type: ignore[arg-type]
     return digest.hexdigest()
 

@@ -205,11 +205,7 @@ def load_datasets(
         raise DataError("configuration, run: `demo` is for the demo's recordings; give your run another name")
     for dataset in found.values():
         _check_tuned(run, dataset, files[dataset.name])
-        hourly = [name for name in run.methods_run if run.kind(name).hourly]
-        if dataset.clock == "unknown" and hourly:
-            raise DataError(
-                f"{files[dataset.name]}: {lacks.NO_CLOCK}: leave {', '.join(hourly)} out of `compare` and the ladder"
-            )
+        _check_clock(run, dataset, files[dataset.name])
         _check_paths(dataset, files[dataset.name])
         _check_horizons(run, dataset)
     _check_files(run, data_root)
@@ -223,6 +219,22 @@ def load_datasets(
         found = {fold.name: fold for dataset in found.values() for fold in folds(dataset)}
     _check_hand_ins(run, found, data_root)
     return found
+
+
+def _check_clock(run: RunSettings, dataset: Dataset, file: Path) -> None:
+    """Whether nothing needs maps by hours of a dataset without a clock, of which `Plan.foretold` asks none."""
+    if dataset.clock != "unknown":
+        return
+    remedies, studied = [], run.studies.method
+    if hourly := [name for name in run.methods_run if run.kind(name).hourly]:
+        remedies.append(f"leave {', '.join(hourly)} out of `compare` and the ladder")
+    if (run.studies.beta or run.studies.sampling_radius_m) and run.kind(studied).hourly:
+        remedies.append(
+            f"name another `studies.method` than {studied}, or leave `studies.beta` and `studies.sampling_radius_m` "
+            "empty"
+        )
+    if remedies:
+        raise DataError(f"{file}: {lacks.NO_CLOCK}: {'; '.join(remedies)}")
 
 
 def _check_hand_ins(run: RunSettings, datasets: Mapping[str, Dataset], data_root: str | Path) -> None:

@@ -4,8 +4,7 @@ Everything that is chosen (the weight of the background, how far an hour is shru
 smoothed) is chosen on persons held out of the training data, with maps built without them; the test rows only confirm.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,7 +32,7 @@ from modlhmp.scoring.likelihood import (
 from modlhmp.site import Site
 from modlhmp.storage import DataError
 from modlhmp.study.comparisons import LEAST_DAYS
-from modlhmp.tracks import Tracks, clock_hours, person_ids
+from modlhmp.tracks import Tracks, clock_hours
 
 HELD_OUT = 0.15  # of the persons of the training data
 SPACES = ("joint", "heading")  # of headings and speeds, or of headings alone
@@ -110,19 +109,6 @@ class Answers(NamedTuple):
     without_map: np.ndarray
 
 
-def numbered(track_ids: Iterable[np.ndarray], files: Iterable[str | Path]) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers [n] of the person and of the recording of each row; `track_ids` are those of each of the files' rows."""
-    persons, recordings, first = [np.empty(0, np.int64)], [np.empty(0, np.int64)], 0
-    for place, (track_id, file) in enumerate(zip(track_ids, files, strict=True)):
-        first_piece = person_ids(file)  # of those who were cut into pieces
-        ids, which = np.unique(track_id, return_inverse=True)
-        whole = np.array([first_piece.get(one, one) for one in ids.tolist()], np.int64)
-        persons.append(first + np.unique(whole, return_inverse=True)[1].ravel()[which.ravel()])
-        recordings.append(np.full(len(track_id), place))
-        first += len(ids)
-    return np.concatenate(persons), np.concatenate(recordings)
-
-
 def clusters_of(person: np.ndarray, recording: np.ndarray, days: Sequence[str]) -> np.ndarray:
     """What intervals are over, [n]: the `days` of the recordings where there are enough, else persons."""
     names, day = np.unique(list(days), return_inverse=True)
@@ -156,7 +142,11 @@ def measure(
     held = held_out(person)
     fit, tried = training.take(~held), training.take(held)
     no_map = NoMap(fit.speed)
-    tables = {one.path: build_map(one.kind, fit, site, one.building) for one in maps if one.building is not None}
+    tables = {
+        one.path: build_map(one.kind, fit, site, one.building, person[~held])
+        for one in maps
+        if one.building is not None
+    }
     chosen = {name: _best(ways, fit, tried, site, no_map) for name, ways in WAYS.items()}
     asked = _densities(fit, site, no_map, maps, tables, chosen)
     weights = {

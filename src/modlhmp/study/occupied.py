@@ -113,6 +113,7 @@ def measure(
     every_s: float,
     horizons_s: Sequence[float],
     names: tuple[object, object],
+    person: np.ndarray | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Tables {`bins`, `scores`, `film`} of methods on everyone's tracks; `buildings` are the maps' options by kind.
 
@@ -122,16 +123,18 @@ def measure(
     method's, that of the share of the other folds' moments at which a cell was occupied (`brier_cells`), and that of
     one share for all cells (`brier_flat`). `film`: the moment at which most people were there, by the first method:
     cells with their `p`, and where everybody was. Velocities are those of positions, as in a stream. `names` = (seed,
-    dataset) key the random numbers.
+    dataset) key the random numbers, `person` [rows] says whose each row is (default: each track is a person).
     """
+    person = tracks.track_id if person is None else person
     site, grid, steps = replace(site, velocity="differences"), grid_of(tracks), steps_of(site, horizons_s)
     came_true, moments = np.zeros((FOLDS, len(steps), *grid.seen.shape)), np.zeros(FOLDS, np.int64)
     found: dict[str, _Found] = {method.name: _Found(grid, len(steps)) for method in methods}
     film: tuple[Crowd, np.ndarray] | None = None
     times_s, counts = site.time_step_s * np.arange(1, site.steps + 1), np.diff(tracks.bounds())
     for fold in progress(range(FOLDS), desc="folds"):
-        training = tracks.take(np.repeat(in_part(tracks, f"without-{fold + 1}"), counts))
-        asked = {method.name: forecaster_on(training, site, method, buildings) for method in methods}
+        others = np.repeat(in_part(tracks, f"without-{fold + 1}", person[tracks.bounds()[:-1]]), counts)
+        training = tracks.take(others)
+        asked = {one.name: forecaster_on(training, site, one, buildings, person[others]) for one in methods}
         for crowd in crowds(tracks, site, every_s, fold + 1, steps):
             came = np.stack([grid.occupied(crowd.truth[:, step]) for step in range(len(steps))])
             came_true[fold] += came
@@ -155,12 +158,14 @@ def measure(
     return {**tables, "film": _film(grid, at_s, film)}
 
 
-def forecaster_on(tracks: Tracks, site: Site, method: Method, buildings: Mapping[str, Any]) -> Forecaster:
+def forecaster_on(
+    tracks: Tracks, site: Site, method: Method, buildings: Mapping[str, Any], person: np.ndarray
+) -> Forecaster:
     """A method's forecaster with a map of these tracks, and with their ways out if it uses these."""
     kind, exits = find(method.kind), None
     if kind.sampled and method.options.exits:
         exits, _ = build_map("exits", tracks, site, buildings["exits"])
-    tables = build_map(kind.name, tracks, site, buildings[kind.name])
+    tables = build_map(kind.name, tracks, site, buildings[kind.name], person)
     return forecaster_of(kind, model_of(kind.name, *tables, site, method.options), site, method.options, exits)
 
 

@@ -27,6 +27,7 @@ from modlhmp.study.configuration import load_run
 from modlhmp.study.csv_cells import original
 from modlhmp.study.exhibits.selection import main_rows
 from modlhmp.study.layout import Layout
+from modlhmp.study.summary import read_scores
 from modlhmp.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[3]
@@ -91,7 +92,7 @@ def _of_run(layout: Layout) -> dict[str, Any]:
     """Scores, differences and tables of a run."""
     if not Path(layout.scores).exists():
         raise DataError(f"{layout.scores}: no such file; make the run first: {command(layout.run)}")
-    results = main_rows(pd.read_csv(layout.scores))
+    results = main_rows(read_scores(layout.scores))
     results = results[results["horizon_s"].isin(HORIZONS_S)]
     found: dict[str, Any] = {kind: {} for kind in KINDS}
     for row in results.to_dict("records"):

@@ -10,6 +10,7 @@ import pyarrow as pa
 
 from modlhmp.scoring.errors import nan_mean
 from modlhmp.storage import column, open_parquet, read_batches, read_pieces
+from modlhmp.study.csv_cells import original
 
 COLUMNS = (
     "dataset", "method", "output", "protocol", "horizon_s", "ade_m", "fde_m",
@@ -17,6 +18,7 @@ COLUMNS = (
     "all_ade_m", "all_fde_m", "all_n", "own_ade_m", "own_fde_m", "own_n", "infeasible", "truth_infeasible",
 )  # fmt: skip
 
+NAMES = ("dataset", "method", "output", "protocol")
 METRICS = ("ade", "fde", "infeasible")
 # The first that a method has stands for it.
 OUTPUTS = ("ranked", "median", "medoid", "modes", "likeliest", "mean", "single", "mean_path")
@@ -174,6 +176,13 @@ def summarise(dataset: str, method: str, errors: ErrorsByOutput, step_s: float) 
         parts = errors.parts(key) if isinstance(errors, StoredErrors) else iter([errors[key]])
         rows += [(dataset, method, *key, (step + 1) * step_s, *one) for step, one in enumerate(_summary(parts))]
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def read_scores(path: str | Path) -> pd.DataFrame:
+    """`results.csv` as its rows were written (`summarise`): its names are texts, `20121024` and `NA` as well."""
+    empty = {name: [""] for name in COLUMNS if name not in NAMES}
+    table = pd.read_csv(path, dtype=dict.fromkeys(NAMES, str), keep_default_na=False, na_values=empty)
+    return table.assign(**{name: table[name].map(original) for name in NAMES})
 
 
 def _summary(parts):

@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import pandas as pd
-
 from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import main_rows
 from modlhmp.study.layout import Layout
+from modlhmp.study.summary import read_scores
 
 # The complete protocol's line is wide, so that it shows where both coincide.
 ELIGIBLE: dict[str, dict[str, Any]] = {
@@ -22,7 +21,7 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, methods: Mappin
 
     `methods` maps names to titles in table order. Under the complete protocol every eligible track is scored.
     """
-    rows = main_rows(pd.read_csv(layout.scores))
+    rows = main_rows(read_scores(layout.scores))
     rows = rows.assign(coverage=rows["n"] / rows["eligible"].where(rows["eligible"] > 0))
     fig, axes = style.figure(2, len(datasets), height_mm=78.0, sharex="col")
     for column, dataset in enumerate(datasets):

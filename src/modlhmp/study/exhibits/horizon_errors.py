@@ -3,19 +3,19 @@
 from collections.abc import Mapping
 
 import numpy as np
-import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import main_rows, scored_of
 from modlhmp.study.layout import Layout
+from modlhmp.study.summary import read_scores
 
 TITLES = {"paper": "paper protocol", "complete": "complete protocol"}
 
 
 def draw(layout: Layout, dataset: Dataset, stem: str, methods: Mapping[str, str]) -> None:
     """Draw the figure of one dataset; `methods` maps names to titles in table order."""
-    results = pd.read_csv(layout.scores)
+    results = read_scores(layout.scores)
     rows = main_rows(results[results["dataset"] == dataset.name])
     fig, axes = style.figure(2, 2, height_mm=80.0, sharex=True, sharey="col")
     for line, (protocol, title) in enumerate(TITLES.items()):

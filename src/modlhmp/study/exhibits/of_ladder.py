@@ -15,15 +15,23 @@ def _ladder_files(plan: Plan, datasets: list[Dataset]) -> list[str]:
     return [*parts, plan.layout.costs(dataset.name)]
 
 
+def _rungs(plan: Plan) -> list[str]:
+    return [method for method, _ in plan.run.rungs]
+
+
+def _knows_the_place(plan: Plan, name: str) -> bool:
+    """A network without grids does not know where it is."""
+    return bool(getattr(plan.run.method(name).options, "grids", True))
+
+
 def _ladder_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
-    rungs = [method for method, _ in plan.run.rungs]
+    rungs = _rungs(plan)
     beyond = [name for name in rungs if not plan.run.kind(name).published]
     return {
         "rungs": rungs,
         "reference": plan.run.ladder.reference,
         "titles": plan.run.titles(rungs),
-        # A network without grids does not know where it is.
-        "with_memory": [name for name in beyond if getattr(plan.run.method(name).options, "grids", True)],
+        "with_memory": [name for name in beyond if _knows_the_place(plan, name)],
     }
 
 
@@ -51,14 +59,16 @@ def _folds_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     }
 
 
-LADDER = (
-    "One change per row, from the paper's configuration to the best one, under the complete protocol: every method "
-    "forecasts every eligible track, and no method is told how long a track is. Options were chosen on a part of the "
-    f"training recordings kept for validation. Intervals are 95 % intervals {OVER}; the table adds the paired "
-    "differences, the cost of a forecast, and the paper protocol. "
-    '"Network without a map" knows only the last seconds and the compass: a map helps only where it is better than '
-    "this."
-)
+def _caption(plan: Plan) -> str:
+    blind = [name for name in _rungs(plan) if not _knows_the_place(plan, name)]
+    floor = "knows only the last seconds and the compass: a map helps only where it is better than this."
+    return (
+        "One change per row, from the paper's configuration to the best one, under the complete protocol: every method "
+        "forecasts every eligible track, and no method is told how long a track is. Options were chosen on a part of "
+        f"the training recordings kept for validation. Intervals are 95 % intervals {OVER}; the table adds the paired "
+        "differences, the cost of a forecast, and the paper protocol."
+        + "".join(f' "{plan.run.title(name)}" {floor}' for name in blind)
+    )
 
 
 def _has_rungs(plan: Plan) -> bool:
@@ -89,7 +99,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         title="ladder",
         category="Tables",
         section="changes",
-        caption=LADDER,
+        caption=_caption,
         needs=_ladder_files,
         asks=_ladder_table_asks,
         wanted=_has_rungs,
@@ -101,7 +111,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         title="ladder",
         category="Studies",
         section="changes",
-        caption=LADDER,
+        caption=_caption,
         needs=lambda plan, datasets: [plan.layout.ladder(dataset.name, "scores") for dataset in datasets],
         asks=_ladder_asks,
         wanted=_has_rungs,

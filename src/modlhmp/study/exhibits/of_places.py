@@ -6,7 +6,7 @@ from typing import Any
 
 from modlhmp.datasets import Dataset
 from modlhmp.study import lacks
-from modlhmp.study.exhibits.record import MODULES, Exhibit
+from modlhmp.study.exhibits.record import MODULES, Exhibit, test_days
 from modlhmp.study.exhibits.words import OVER
 from modlhmp.study.explorer.look import ASSETS
 from modlhmp.study.plan import Plan
@@ -51,6 +51,20 @@ def _with_memory(plan: Plan) -> dict[str, str]:
     """Titles of an episode and a snippet method by name, if such are compared."""
     found = [_of_kind(plan, plan.titles, kind) for kind in ("episodes", "snippets")]
     return plan.run.titles(name for name in found if name)
+
+
+def _memory_caption(plan: Plan) -> str:
+    outputs = {plan.method(dataset, name).options.output for dataset in plan.datasets for name in _with_memory(plan)}
+    median = (
+        " The result is the geometric median, at each second, of those who are still there; where people part ways it "
+        "may lie where nobody walks."
+    )
+    return (
+        "The two maps with memory. Left: snippets of a few seconds that start near the walker, coloured by direction. "
+        "Middle and right: a forecast with the episode map, which replays the most similar persons from here, and with "
+        "the snippet flow map, whose particles string snippets together. Crosses: persons who left through an exit."
+        + (median if outputs == {"geometric_median"} else "")
+    )
 
 
 def _memory_maps(plan: Plan, datasets: list[Dataset]) -> list[str]:
@@ -217,11 +231,11 @@ EXHIBITS: tuple[Exhibit, ...] = (
         category="Forecasts",
         section="forecasts",
         paper="fig:rank",
-        caption="The futures of TC-CLiFF for one person of each dataset, to its longest horizon: truth red, "
-        "observation green, futures blue, darker the better they rank; a cross where a future left the map. Ranks "
-        "are those of the complete protocol. The person is chosen by rule: of the tracks eligible at the horizon under "
-        "the paper protocol, that of the median ADE of the first compared method. Marked areas come from the "
-        "dataset file.",
+        caption="The futures of the method that each key names, for one person of each dataset, to its longest "
+        "horizon: truth red, observation green, futures blue, darker the better they rank; a cross where a future left "
+        "the map. Ranks are those of the complete protocol. The person is chosen by rule: of the tracks eligible at "
+        "the horizon under the paper protocol, that of the median ADE of the first compared method. Marked areas come "
+        "from the dataset file.",
         needs=_examples,
         asks=_titles,
         lacks=(lacks.NO_TRACK, lacks.NO_RANKS),
@@ -249,11 +263,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         title="maps with memory",
         category="Maps",
         section="maps",
-        caption="The two maps with memory. Left: snippets of a few seconds that start near the walker, coloured by "
-        "direction. Middle and right: a forecast with the episode map, which replays the most similar persons from "
-        "here, and with the snippet flow map, whose particles string snippets together. Crosses: persons who left "
-        "through an exit. The result is the geometric median, at each second, of those who are still there; where "
-        "people part ways it may lie where nobody walks.",
+        caption=_memory_caption,
         needs=_memory_maps,
         asks=lambda plan, datasets: {"methods": _with_memory(plan)},
         wanted=lambda plan: len(_with_memory(plan)) == 2,
@@ -285,14 +295,9 @@ EXHIBITS: tuple[Exhibit, ...] = (
         caption="Left: the error that a method expects of its own output against the real one, in ten bins of equally "
         "many tracks; above the diagonal a method is too sure of itself. Right: the probability that a person has left "
         "by then against the share of people that had. A robot that must keep its distance needs both on the "
-        "diagonal. Bars are 95 % intervals of the mean, "
-        f"{OVER}; the CSV has all horizons, and n of each bin.",
+        f"diagonal. Bars are 95 % intervals of the mean, {OVER}; the CSV has all horizons, and n of each bin.",
         needs=_uncertainty,
-        asks=lambda plan, datasets: {
-            "methods": plan.titles,
-            "measured": plan.measured,
-            "days": {dataset.name: dataset.days("test") for dataset in datasets},
-        },
+        asks=lambda plan, datasets: {"methods": plan.titles, "measured": plan.measured, "days": test_days(datasets)},
         wanted=_measures,
         lacks=(lacks.NOT_AS_LONG,),
     ),
@@ -340,16 +345,12 @@ EXHIBITS: tuple[Exhibit, ...] = (
         section="certainty",
         caption=lambda plan: (
             "The moment at which most people were there: the probability that each cell of 1 m is occupied a sixth, a "
-            "third and two thirds of the longest horizon later, by "
-            f"{_filmed(plan)}, and where these people were then. Who comes "
-            "later is not shown."
+            f"third and two thirds of the longest horizon later, by {_filmed(plan)}, and where these people were then. "
+            "Who comes later is not shown."
         ),
         asks=lambda plan, datasets: {"title": _filmed(plan)},
         lacks=(lacks.NOBODY,),
-        needs=lambda plan, datasets: [
-            *(plan.layout.occupied(one.name, "film") for one in datasets),
-            *_floor_plans(datasets),
-        ],
+        needs=lambda plan, datasets: [*_occupied("film")["needs"](plan, datasets), *_floor_plans(datasets)],
         wanted=_occupied("film")["wanted"],
     ),
     Exhibit(

@@ -7,7 +7,7 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.kinds import find
 from modlhmp.study import lacks
-from modlhmp.study.exhibits.record import MODULES, Exhibit
+from modlhmp.study.exhibits.record import MODULES, Exhibit, test_days
 from modlhmp.study.exhibits.words import SEED_MEANS
 from modlhmp.study.plan import Plan
 from modlhmp.study.published import AHEAD_S, STEP_S
@@ -112,7 +112,7 @@ def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "studies": _values(plan, _claimed_studies(plan)),
         "horizons": plan.horizons,
         "measured": _measured(plan, datasets),
-        "days": {dataset.name: dataset.days("test") for dataset in datasets},
+        "days": test_days(datasets),
     }
 
 
@@ -132,15 +132,16 @@ def _short(plan: Plan) -> list[str]:
     return [name for name, one in plan.datasets.items() if one.time_step_s == STEP_S and AHEAD_S in plan.horizons[name]]
 
 
+def _straight(plan: Plan) -> str | None:
+    """The first compared method of constant velocity; None without one."""
+    return next((name for name in plan.run.compare if plan.run.kind(name).name == "cvm"), None)
+
+
 def _short_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
-    straight = [name for name in plan.run.compare if plan.run.kind(name).name == "cvm"]
     return {
-        "methods": plan.titles,
-        "measured": plan.measured,
-        "reference": straight[0] if straight else None,
-        "short": _short(plan),
-        "days": {dataset.name: dataset.days("test") for dataset in datasets},
-    }
+        "methods": plan.titles, "measured": plan.measured, "reference": _straight(plan), "short": _short(plan),
+        "days": test_days(datasets),
+    }  # fmt: skip
 
 
 def _training_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
@@ -170,6 +171,14 @@ def _parameter_caption(plan: Plan) -> str:
         f"tracks (thin bars) and over seeds (thick bars), under both protocols. At most {studies.max_tracks} test "
         "tracks, always the same ones. Under the paper protocol each value scores other tracks: the legend gives "
         "the lowest and highest number."
+    )
+
+
+def _short_caption(plan: Plan) -> str:
+    beside = "with constant velocity beside them, and" if _straight(plan) else "and"
+    return (
+        f"Expected errors 2.0 s ahead at ten positions per second: the mean over each forecast's samples, {beside} "
+        "published numbers of this task, which are of another split."
     )
 
 
@@ -246,8 +255,10 @@ EXHIBITS: tuple[Exhibit, ...] = (
         category="Figures",
         section="errors",
         paper="fig:rank-metrics",
-        caption="ADE of TC-CLiFF with ranking (the most likely of the k futures) and without (mean error of the k), "
-        "both protocols.",
+        caption=lambda plan: (
+            f"ADE of {plan.run.title('tc_cliff')} with ranking (the most likely of the k futures) and without (mean "
+            "error of the k), both protocols."
+        ),
         needs=_scores,
         asks=lambda plan, datasets: {"method": "tc_cliff", "title": plan.run.title("tc_cliff")},
         wanted=lambda plan: "tc_cliff" in plan.run.compare,
@@ -293,8 +304,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         title="2.0 s at ten positions per second",
         category="Tables",
         section="errors",
-        caption="Expected errors 2.0 s ahead at ten positions per second: the mean over each forecast's samples, with "
-        "constant velocity beside them, and published numbers of this task, which are of another split.",
+        caption=_short_caption,
         needs=_short_errors,
         asks=_short_asks,
         wanted=lambda plan: bool(_short(plan)),

@@ -2,20 +2,19 @@
 
 from collections.abc import Sequence
 
-import pandas as pd
-
 from modlhmp.datasets import Dataset
 from modlhmp.study import lacks
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.selection import scored_of
 from modlhmp.study.layout import Layout
+from modlhmp.study.summary import read_scores
 
 LINES = {"ranked": ("with ranking", 0), "mean": ("without (mean of k)", 1)}
 
 
 def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, method: str, title: str) -> None:
     """One column per dataset, one row per protocol; `method` has ranked futures, `title` is its title."""
-    results = pd.read_csv(layout.scores)
+    results = read_scores(layout.scores)
     rows = results[(results["method"] == method) & results["output"].isin(LINES)]
     fig, axes = style.figure(2, len(datasets), height_mm=92.0, sharex="col")
     for column, dataset in enumerate(datasets):

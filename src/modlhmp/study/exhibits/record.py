@@ -1,6 +1,6 @@
 """What an exhibit is: one record, from which its rule, its report entry and the list of what a run makes follow."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -78,3 +78,8 @@ class Exhibit:
     def suffixes(self) -> tuple[str, ...]:
         """Suffixes of its files; the last one's file is shown in the report."""
         return {"table": TABLE_FORMS, "figure": FIGURE_FORMS, "page": PAGE_FORMS}[self.form]
+
+
+def test_days(datasets: Sequence[Dataset]) -> dict[str, dict[str, str]]:
+    """{dataset: {test recording: its day}}, by which tests and intervals know what goes together."""
+    return {dataset.name: dataset.days("test") for dataset in datasets}

@@ -16,6 +16,7 @@ from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.exhibits.words import SEED_MEANS
 from modlhmp.study.layout import Layout
 from modlhmp.study.published import RESULTS, RESULTS_AT_S
+from modlhmp.study.summary import read_scores
 from modlhmp.tracks import read_tracks
 
 
@@ -79,7 +80,7 @@ def draw_results(
     The Markdown and HTML files add the table `horizons` [s] of each dataset by its name; `methods` maps names to
     titles in table order.
     """
-    results = main_rows(pd.read_csv(layout.scores))
+    results = main_rows(read_scores(layout.scores))
     blocks, others = [], []
     for dataset in datasets:
         rows = results[results["dataset"] == dataset.name]

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from modlhmp.datasets import Dataset
 from modlhmp.floor_plan import load_floor_plan, moved
@@ -17,6 +16,7 @@ from modlhmp.study.explorer.pack import FORM, Digits, packed
 from modlhmp.study.explorer.people import people
 from modlhmp.study.explorer.places import CELL_M, LEAST_PEOPLE, places, read_crowd
 from modlhmp.study.layout import Layout
+from modlhmp.study.summary import read_scores
 from modlhmp.version import __version__
 
 PLAN_PIXELS = 400  # of a floor plan's shorter side, at least
@@ -69,7 +69,7 @@ def _dataset(layout, dataset, methods, maps, shown, recordings) -> dict[str, Any
         "terms": dataset.terms,
         "plan": _plan(dataset),
         **places(crowd, dataset, files, dataset.clock != "unknown", least),
-        "methods": _methods(pd.read_csv(layout.scores), dataset, methods),
+        "methods": _methods(read_scores(layout.scores), dataset, methods),
         "people": people(layout, dataset, recordings["test"], methods) if shown else None,
     }
 

@@ -16,7 +16,7 @@ from modlhmp.maps.swgmm import floor_covariances
 from modlhmp.site import Site
 from modlhmp.storage import column, read_parquet
 from modlhmp.study.explorer.pack import Digits
-from modlhmp.tracks import Tracks, clock_hours, concatenate, person_ids, read_tracks
+from modlhmp.tracks import Tracks, clock_hours, concatenate, person_ids, read_tracks, whole_ids
 
 LEAST_PEOPLE = 5  # at a place, and of a component, for it to be shown of recorded people
 CELL_M = 1.0
@@ -39,9 +39,8 @@ def read_crowd(files: Iterable[str | Path]) -> Crowd:
     """The people of some clean recordings; pieces of one cut track are one person."""
     tables, persons, lasts, known = [], [], [], 0
     for file in files:
-        tracks, pieces = read_tracks(file), person_ids(file)
-        ids = np.array([pieces.get(one, one) for one in tracks.track_id.tolist()], np.int64)
-        distinct, person = np.unique(ids, return_inverse=True)
+        tracks = read_tracks(file)
+        distinct, person = np.unique(whole_ids(tracks.track_id, person_ids(file)), return_inverse=True)
         last = np.zeros(len(tracks.t), bool)
         last[tracks.bounds()[1:] - 1] = len(tracks.t) > 0
         tables.append(tracks)

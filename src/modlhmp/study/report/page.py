@@ -15,6 +15,7 @@ from modlhmp.study.layout import FIGURE_FORMS, TABLE_FORMS, Layout
 from modlhmp.study.report import ASSETS, facts
 from modlhmp.study.report.pictures import inline
 from modlhmp.study.report.rule_graph import RuleGraph, grouped, picture
+from modlhmp.study.summary import read_scores
 from modlhmp.version import __version__
 
 MANY = {"figure": "figures", "table": "tables", "page": "pages"}
@@ -32,7 +33,7 @@ def write(
     rules: Mapping[str, str],
 ) -> None:
     """Write the page. What it says of the run is `about.about`; `rules` {rule: form} are those of exhibits."""
-    scores = pd.read_csv(layout.scores)
+    scores = read_scores(layout.scores)
     reached = {one.name: facts.best(scores, one, methods) for one in datasets}
     claims = next((one["stem"] for one in exhibits if one["section"] == "claims"), None)
     told = pd.read_csv(f"{claims}.csv", dtype=str, keep_default_na=False) if claims else None

@@ -12,10 +12,12 @@ function setLayer(layer) {
   by("hint").textContent = HINTS[layer];
   ask("base", "over", "cards");
 }
-function setPeriod(period) {
-  state.period = Math.min(Math.max(period, 0), shownSet().periods.length - 1);
-  by("hour").value = state.period;
-  by("hour").setAttribute("aria-valuetext", clock(shownSet().periods[state.period]));
+function setPeriod(period, panel = 0) {
+  const { periods } = shownSet(panel),
+    now = Math.min(Math.max(period, 0), periods.length - 1);
+  state[panel ? "otherPeriod" : "period"] = now;
+  by(panel ? "otherhour" : "hour").value = now;
+  if (!panel) by("hour").setAttribute("aria-valuetext", clock(periods[now]));
   ask("base", "over", "cards");
 }
 function setStep(step) {
@@ -23,9 +25,8 @@ function setStep(step) {
   by("second").value = state.step;
   ask("over", "cards");
 }
-function setPlace(place, pinned) {
-  state.place = place;
-  state.pinned = pinned && !!place;
+function setPlace(place, pinned, panel = 0) {
+  Object.assign(state, { place, panel, pinned: pinned && !!place });
   ask("over", "cards");
 }
 function setPerson(person) {
@@ -74,15 +75,17 @@ function paint() {
 
 const option = (value, text) => Object.assign(element("option", text), { value });
 
-function setPanelHours() {
-  const set = shownSet(1);
-  by("otherhour").replaceChildren(...set.periods.map((hour, i) => option(i, clock(hour))));
-  state.otherPeriod = Math.min(state.otherPeriod, set.periods.length - 1);
-  by("otherhour").value = state.otherPeriod;
+function setOther(number) {
+  state.other = number;
+  by("other").value = number;
+  by("otherhour").replaceChildren(...shownSet(1).periods.map((hour, i) => option(i, clock(hour))));
+  setPeriod(state.otherPeriod, 1);
+  if (state.panel) setPlace(null, false);
 }
 
 function setOne(number) {
-  Object.assign(state, { one: number, place: null, pinned: false, person: null, found: [], step: 0 });
+  Object.assign(state, { one: number, person: null, found: [], step: 0 });
+  setPlace(null, false);
   play(null);
   const { set, run } = sets[number],
     some = set.people && set.people.names.length > 0;
@@ -120,9 +123,8 @@ function setOne(number) {
     by("method").replaceChildren(...named.map((one) => option(one.name, one.title)));
   }
   if (!state.compare) {
-    Object.assign(state, { other: number, otherPeriod: set.periods.length - 1 });
-    by("other").value = number;
-    setPanelHours();
+    state.otherPeriod = set.periods.length - 1;
+    setOther(number);
   }
   fillLegend(by("legend"), set.methods, methodColour, () => ask("over", "cards"));
   shape();
@@ -157,9 +159,7 @@ async function drop(file) {
       first = sets.length;
     addRun(data);
     by("dropped").textContent = `Run ${data.run} is added.`;
-    state.other = first;
-    by("other").value = first;
-    setPanelHours();
+    setOther(first);
     compare(true);
   } catch (error) {
     by("dropped").textContent = `${file.name} cannot be added: ${error.message}`;
@@ -170,8 +170,9 @@ function compare(on) {
   state.compare = on;
   by("compare").checked = on;
   document.querySelector('[data-panel="1"]').hidden = !on;
+  if (!on && state.panel) setPlace(null, false);
   shape();
-  ask("base", "over");
+  ask("base", "over", "cards");
 }
 
 // Two wide places stand one above the other, as all do on a narrow screen.

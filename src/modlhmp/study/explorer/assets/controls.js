@@ -8,15 +8,8 @@ function listen() {
   on("play", "click", () => play(state.playing === "hours" ? null : "hours"));
   on("walk", "click", () => play(state.playing === "walk" ? null : "walk"));
   on("compare", "change", () => compare(by("compare").checked));
-  on("other", "change", () => {
-    state.other = +by("other").value;
-    setPanelHours();
-    ask("base", "over");
-  });
-  on("otherhour", "change", () => {
-    state.otherPeriod = +by("otherhour").value;
-    ask("base", "over");
-  });
+  on("other", "change", () => setOther(+by("other").value));
+  on("otherhour", "change", () => setPeriod(+by("otherhour").value, 1));
   on("file", "change", () => {
     const [file] = by("file").files;
     by("file").value = ""; // so that the same name can be chosen again
@@ -39,37 +32,29 @@ function listen() {
     setTheme();
   });
   night.addEventListener("change", setTheme);
-  on("byhour", "click", (event) => setPeriod(by("byhour").pick(event.offsetX)));
+  on("byhour", "click", (event) => setPeriod(by("byhour").pick(event.offsetX), state.panel));
   const scrub = (event) => {
     if (event.type === "pointerdown" || event.buttons)
       setStep(Math.round(by("chart").pick(event.offsetX) / shownSet().step));
   };
   on("chart", "pointerdown", scrub);
   on("chart", "pointermove", scrub);
-  for (const [id, factor] of [
-    ["in", 1.5],
-    ["out", 1 / 1.5],
-  ])
-    on(id, "click", () => {
-      viewOf().zoom(factor);
-      ask("base", "over");
-    });
-  on("fit", "click", () => {
-    viewOf().fit();
-    ask("base", "over");
-  });
   new ResizeObserver(() => {
     shape();
     ask("base", "over", "cards");
   }).observe(document.body);
-  for (const n of [0, 1])
+  for (const n of [0, 1]) {
+    on(`in${n}`, "click", () => zoom(n, 1.5));
+    on(`out${n}`, "click", () => zoom(n, 1 / 1.5));
+    on(`fit${n}`, "click", () => zoom(n, null));
     follow(by(`map${n}`), () => viewOf(n), {
       changed: () => ask("base", "over"),
       pointed: (px, py) => {
-        if (!state.pinned) setPlace(placeAt(n, px, py), false);
+        if (!state.pinned) setPlace(placeAt(n, px, py), false, n);
       },
       tapped: (px, py) => tap(n, px, py),
     });
+  }
   document.addEventListener("dragover", (event) => {
     event.preventDefault();
     document.body.classList.add("dragging");
@@ -83,6 +68,13 @@ function listen() {
   document.addEventListener("keydown", key);
 }
 
+// By a factor, or to everything.
+function zoom(n, factor) {
+  if (factor) viewOf(n).zoom(factor);
+  else viewOf(n).fit();
+  ask("base", "over");
+}
+
 function placeAt(n, px, py) {
   const view = viewOf(n),
     points = pointsOf(shownSet(n), state.layer, shownPeriod(n)),
@@ -92,11 +84,11 @@ function placeAt(n, px, py) {
 }
 
 function tap(n, px, py) {
-  const people = shownSet().people,
-    near = n || !people || state.person !== null ? -1 : startNear(people, viewOf(n), state.found, px, py);
+  const { people } = shownSet(n),
+    drawn = people && shownSet(n) === shownSet() && state.person === null,
+    near = drawn ? startNear(people, viewOf(n), state.found, px, py) : -1;
   if (near >= 0) return setPerson(near);
-  const place = placeAt(n, px, py);
-  return setPlace(place, true);
+  return setPlace(placeAt(n, px, py), true, n);
 }
 
 function key(event) {
@@ -107,6 +99,7 @@ function key(event) {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   const act = keysOf(event.key, {
     map,
+    panel: map ? +event.target.closest(".panel").dataset.panel : 0,
     chart,
     typing,
     button: /^(BUTTON|SUMMARY)$/.test(event.target.tagName),
@@ -118,8 +111,8 @@ function key(event) {
   }
 }
 
-function keysOf(name, { map, chart, typing, button, input }) {
-  const set = shownSet(),
+function keysOf(name, { map, panel, chart, typing, button, input }) {
+  const set = shownSet(panel),
     walk = () => play(state.playing === "walk" ? null : "walk"),
     moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
   if (name === "Escape") return () => (state.person !== null ? setPerson(null) : setPlace(null, false));
@@ -128,23 +121,19 @@ function keysOf(name, { map, chart, typing, button, input }) {
     return () => {
       const [dx, dy] = moves[name],
         place = nextPlace(
-          pointsOf(set, state.layer, state.period),
-          state.place || middle(set),
+          pointsOf(set, state.layer, shownPeriod(panel)),
+          (viewOf(panel) === viewOf(state.panel) && state.place) || middle(panel),
           dx,
           (set.flip ? -1 : 1) * dy,
         );
       if (place) {
-        setPlace(place, true);
-        viewOf().show(place.x, place.y);
+        setPlace(place, true, panel);
+        viewOf(panel).show(place.x, place.y);
         ask("base");
       }
     };
   if (map && "+=-0".includes(name))
-    return () => {
-      if (name === "0") viewOf().fit();
-      else viewOf().zoom(name === "-" ? 1 / 1.4 : 1.4);
-      ask("base", "over");
-    };
+    return () => zoom(panel, name === "0" ? null : name === "-" ? 1 / 1.4 : 1.4);
   if (chart && (name === "ArrowLeft" || name === "ArrowRight"))
     return () => setStep(state.step + (name === "ArrowLeft" ? -1 : 1));
   if (name === " " && !button && !input)
@@ -152,8 +141,8 @@ function keysOf(name, { map, chart, typing, button, input }) {
   const layer = ["cliff", "stef", "flow", "exits"][+name - 1];
   if (layer && !by("layers").querySelector(`[value=${layer}]`).disabled) return () => setLayer(layer);
   return {
-    "[": () => setPeriod(state.period - 1),
-    "]": () => setPeriod(state.period + 1),
+    "[": () => setPeriod(shownPeriod(panel) - 1, panel),
+    "]": () => setPeriod(shownPeriod(panel) + 1, panel),
     ",": () => setStep(state.step - 1),
     ".": () => setStep(state.step + 1),
     c: () => compare(!state.compare),
@@ -161,9 +150,9 @@ function keysOf(name, { map, chart, typing, button, input }) {
   }[name];
 }
 
-function middle(set) {
-  const [x, y] = [viewOf().x, viewOf().y],
-    points = pointsOf(set, state.layer, state.period),
+function middle(panel) {
+  const { x, y } = viewOf(panel),
+    points = pointsOf(shownSet(panel), state.layer, shownPeriod(panel)),
     i = nearest(points, x, y, Infinity);
   return i < 0 ? null : { x: points.x[i], y: points.y[i] };
 }
@@ -172,9 +161,7 @@ unpack(by("data").textContent)
   .then((data) => {
     by("data").textContent = "";
     addRun(data);
-    state.otherPeriod = Math.max(...sets.map(({ set }) => set.periods.length)) - 1;
     setOne(0);
-    setPanelHours();
     listen();
     setTheme();
     window.explorer = { state, sets, frames }; // for tests and for the curious

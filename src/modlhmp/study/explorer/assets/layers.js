@@ -102,13 +102,15 @@ const BUILD = {
   },
 };
 
-// The picture of a layer and period of a dataset, made once; null where there is none.
-const pictures = new Map();
-function picture(set, layer, period) {
-  const kept = pictures.get(set) || pictures.set(set, {}).get(set),
-    key = `${layer}/${period}`;
-  return key in kept ? kept[key] : (kept[key] = BUILD[layer](set, period));
+// What is made once of a dataset; kept by the dataset itself, since those of two runs may have one name.
+const kept = new Map();
+function once(set, key, make) {
+  const of = kept.get(set) || kept.set(set, {}).get(set);
+  return key in of ? of[key] : (of[key] = make());
 }
+
+// The picture of a layer and period of a dataset; null where there is none.
+const picture = (set, layer, period) => once(set, `${layer}/${period}`, () => BUILD[layer](set, period));
 
 // A floor plan as an image of its cells, in the colours of the theme.
 function planImage(plan) {
@@ -126,11 +128,10 @@ function planImage(plan) {
   return canvas;
 }
 
-function drawFloor(context, view, set, images) {
+function drawFloor(context, view, set) {
   if (set.plan) {
     const plan = set.plan,
-      key = `${set.name}${dark()}`,
-      image = images[key] || (images[key] = planImage(plan));
+      image = once(set, `plan/${dark()}`, () => planImage(plan));
     context.save();
     context.translate(view.px(plan.x), view.py(plan.y));
     context.scale(1, -view.up);

@@ -196,8 +196,8 @@ function drawBars(canvas, hours, values, now) {
 
 const element = (name, text) => Object.assign(document.createElement(name), { textContent: text });
 
-// Fill the card; returns what a screen reader says.
-function showPlace(set, layer, period, place, colours) {
+// Fill the card, with the name of the place where there are two; returns what a screen reader says.
+function showPlace(set, layer, period, place, colours, name) {
   const map = set.cliff[period],
     cell = set.flow[period],
     stef = set.stef[period],
@@ -207,7 +207,7 @@ function showPlace(set, layer, period, place, colours) {
     rose = nearest(stef, place.x, place.y, 0.8);
   const components = at < 0 ? [] : componentsAt(map, at),
     least = set.least > 1 ? `fewer than ${set.least}` : "0";
-  const title = `(${place.x.toFixed(1)}, ${place.y.toFixed(1)}) m, ${clock(set.periods[period])}`;
+  const title = `${name && `${name}, `}(${place.x.toFixed(1)}, ${place.y.toFixed(1)}) m, ${clock(set.periods[period])}`;
   by("where").textContent = title;
   by("found").hidden = false;
   drawCylinder(by("cylinder"), components, set.flip, colours);

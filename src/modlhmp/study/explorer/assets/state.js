@@ -14,6 +14,7 @@ const state = {
   other: 0,
   otherPeriod: 0,
   place: null,
+  panel: 0, // of the map that `place` is on
   pinned: false,
   person: null,
   found: [],
@@ -24,8 +25,7 @@ const state = {
   since: 0,
   walked: 0,
 };
-const images = {},
-  frames = [];
+const frames = [];
 let colours = [],
   asked = 0;
 const wanted = { base: true, over: true, cards: true };
@@ -94,7 +94,7 @@ function drawPanel(panel, n) {
   }
   if (wanted.base) {
     const context = sized(base);
-    drawFloor(context, view, set, images);
+    drawFloor(context, view, set);
     context.globalAlpha = state.person !== null && set === shownSet() ? 0.3 : 1; // the person stands out
     const drawn = drawLayer(context, view, set, state.layer, shownPeriod(n), colours);
     context.globalAlpha = 1;
@@ -122,7 +122,7 @@ function drawPanel(panel, n) {
       );
     else if (state.playing !== "hours") drawStarts(context, view, set.people, state.found);
   }
-  if (state.place) {
+  if (state.place && view === viewOf(state.panel)) {
     context.strokeStyle = css("--focus");
     context.lineWidth = state.pinned ? 3 : 2;
     context.beginPath();
@@ -139,7 +139,9 @@ function cards() {
     seconds = state.step * set.step;
   by("found").hidden = !state.place;
   if (state.place) {
-    const text = showPlace(set, state.layer, state.period, state.place, colours);
+    const [there, period] = [shownSet(state.panel), shownPeriod(state.panel)],
+      name = state.compare ? by(state.panel ? "other" : "set").selectedOptions[0].textContent : "";
+    const text = showPlace(there, state.layer, period, state.place, colours, name);
     if (state.pinned) by("said").textContent = text;
   } else by("where").textContent = "Point at a location of the map, tap it, or use the arrow keys on the map.";
   by("chart").pick = drawChart(by("chart"), set, {
