@@ -13,6 +13,11 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "config/README.md",
          ROOT / "paper_figures/README.md", ROOT / "notebooks/README.md"]  # fmt: skip
 
+TEMPLATES = sorted((ROOT / "docs/templates").glob("*.md"))
+MADE = {"licences.md", *(one.name for one in TEMPLATES)}
+WRITTEN = [ROOT / "CHANGELOG.md", *TEMPLATES, *(one for one in PAGES if one.name not in MADE or one.parent.name in
+           {"config", "paper_figures", "notebooks"})]  # fmt: skip
+
 
 @pytest.fixture
 def monday(tmp_path, monkeypatch):
@@ -69,6 +74,15 @@ def test_the_outside_package_of_the_docs_is_laid_out_like_the_one_that_is_tested
     names = {"__name__": "mymaps"}
     exec(python, names)
     assert names["KIND"].name == "mine" and names["KIND"].sampled
+
+
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_lines_of_prose_have_at_most_120_characters(page):
+    """Tables, pictures, code, formulas and what asks for numbers are as long as they are."""
+    text = page.read_text(encoding="utf-8")
+    for block in (r"^( *)```.*?^\1```", r"^\$\$.*?\$\$$"):
+        text = re.sub(block, "", text, flags=re.DOTALL | re.MULTILINE)
+    assert [one for one in text.splitlines() if len(one) > 120 and not re.match(r" *[|!#<{]|.*\{\{", one)] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
