@@ -746,6 +746,16 @@ def test_columns_of_two_datasets_do_not_overwrite_each_other(config, config_fold
         load_datasets(run, tmp_path, "nowhere", "demo")
 
 
+def test_two_methods_are_not_called_alike(config):
+    """Rows of tables and curves are told apart by titles; a variant without one is called by its name."""
+    config["methods"]["mine"] = {"inherits": "cliff", "options": {"k": 7}}
+    config = {**config, "compare": ["cliff", "mine", "cvm"], "comparisons": [], "ladder": {"rows": []}}
+    assert load(config).titles(["cliff", "mine"]) == {"cliff": "CLiFF", "mine": "mine"}
+    config["methods"]["mine"]["title"] = "CLiFF"
+    with pytest.raises(DataError, match="methods: cliff and mine have one `title`, CLiFF; give one another"):
+        load(config)
+
+
 def test_the_demo_s_name_is_the_demo_s(config):
     run = load({**config, "datasets": ["atc_1day"]})
     with pytest.raises(DataError, match="run: `demo` is for the demo's recordings; give your run another name"):
@@ -882,7 +892,7 @@ def test_a_published_map_is_a_method_s_map(config, write, tmp_path):
     assert plan.map_of("demo_hall", "theirs") == plan.map_of("demo_hall", "more") == of_theirs
     assert plan.map_of("demo_hall", "cliff") == plan.layout.map("demo_hall", "cliff")
     assert plan.published == ["theirs"]
-    assert (run.title("theirs"), run.title("more")) == ("Published", "CLiFF")
+    assert (run.title("theirs"), run.title("more")) == ("Published", "more")
     assert "cliff" not in plan.compared_kinds, "figures show maps that are built"
     assert plan.method("demo_hall", "more").published == "theirs"
     again = Method.of(plan.method("demo_hall", "more").plain())

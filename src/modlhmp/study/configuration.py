@@ -56,12 +56,23 @@ def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
     _check_sections(run)
     _check_entries(run)
     _check_names(run)
+    _check_titles(run)
     known = sorted(dataset_files(folders))
     for name in run.datasets:
         if name not in known:
             where = f"a file config/datasets/{name}.yaml would be one"
             raise DataError(unknown("configuration, datasets", "dataset", name, known, where))
     return run
+
+
+def _check_titles(run: RunSettings) -> None:
+    """Whether no two methods that a run has are called alike where they are shown."""
+    titles = run.titles(run.methods_run)
+    for name, title in titles.items():
+        if alike := [other for other, one in titles.items() if one == title and other != name]:
+            raise DataError(
+                f"configuration, methods: {name} and {', '.join(alike)} have one `title`, {title}; give one another"
+            )
 
 
 def _check_entries(run: RunSettings) -> None:

@@ -35,7 +35,7 @@ class MethodEntry:
     """An entry of `methods`; what is left out is that of the kind of the same name."""
 
     kind: str = option("", "one of the kinds below")
-    title: str = option("", "name in tables and figures")
+    title: str = option("", "name in tables and figures; left out: the title of a kind, the name of a variant")
     folder: str = option("", "of kind `forecasts`: their folder under `data_root` (docs/your-predictor.md)")
     inherits: str = option("", "method whose options it starts from: all that its kind has, too")
     options: dict[str, Any] = option({}, "what differs from the section of its kind, or from the budget")
@@ -217,7 +217,7 @@ class RunSettings:
         for name, entry in self.methods.items():
             kind = self._kind_of(name)
             own[name] = dataclasses.replace(
-                entry, kind=kind, title=entry.title or getattr(by_kind.get(kind), "title", "")
+                entry, kind=kind, title=entry.title or (by_kind[name].title if name in by_kind else name)
             )
         return {**by_kind, **own}
 
