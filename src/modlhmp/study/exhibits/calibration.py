@@ -46,7 +46,7 @@ def draw(
     handles = [style.line_of(list(methods).index(method)) for method in measured]
     handles.append(style.plt.Line2D([], [], **EXACT))
     note = (
-        "Means in ten bins, bars: 95 % of the mean; hollow: fewer than five tracks.\n"
+        "Means in ten bins, bars: their 95 % intervals; hollow: fewer than five tracks.\n"
         "Errors: bins of equally many tracks; above the line, a method is too sure of itself.\n"
         "Having left: bins of equally wide probability; above the line, more people have left than announced."
     )
