@@ -64,7 +64,9 @@ def source_of(path: str | Path | People, form: FileFormat, recording: Recording)
     if not recording.people:
         return path
     separator = " " if form.reader == "text" else form.separator
-    return People(recording.people, separator, form.header, form.skip_lines, form.comment_mark)
+    read = [*(form.columns.given().values() if form.columns else ()), *form.only, *form.without]
+    names = tuple(one for one in read if isinstance(one, str)) if form.header else ()
+    return People(recording.people, separator, form.header, form.skip_lines, form.comment_mark, names)
 
 
 def clean_rows(

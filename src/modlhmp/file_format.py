@@ -85,8 +85,8 @@ class FileFormat:
     )
     same_person: bool = option(
         False,
-        "whether the pieces of a track that was split are one person: on one side of a split by person, of folds and "
-        "of what is held out to choose by, and one cluster of tests and intervals",
+        "whether the pieces of a track that was split are one person: never both trained and tested on, nor held out "
+        "to choose by, and one cluster of tests and intervals",
     )
     max_gap_s: Positive | None = option(
         None,
@@ -187,7 +187,8 @@ def check_format(form: FileFormat, source: object) -> None:
     if form.has_velocity and form.gap_s > (most := gap_limit(form.time_step_s)):
         raise DataError(
             f"{source}: max_gap_s {form.gap_s:g}: rows with recorded speeds are not interpolated, so such a gap would "
-            f"stay, and tracks with a gap over {most:g} s are not used; set {most:g} or less, or read positions alone"
+            f"stay, and tracks with a gap over {most:g} s are neither forecast nor replayed; set {most:g} or less, or "
+            "read positions alone"
         )
     named = form.columns is not None and form.columns.track_id is not None
     if form.columns is not None and named == (form.file_is == "person"):

@@ -51,40 +51,35 @@ def in_part(tracks: Tracks, part: str, person: np.ndarray | None = None) -> np.n
     """Whether tracks belong to a part of their recording: `validation`, `fit`, `fold-2`, `without-2`.
 
     `fold-2` are those that begin in every `FOLDS`th half-hour from the second on, `without-2` those of which nothing is
-    within `CONTEMPORARIES_S` of these half-hours: whose contemporaries are all in the one are not in the other.
-    A person's tracks are together where `person` [tracks] says whose each is: theirs begin and end as the person does.
+    within `CONTEMPORARIES_S` of these half-hours: whose contemporaries are all in the one are not in the other. `fit`
+    are those that are not in `validation`. Where `person` [tracks] says whose each is, `fit` and `without-2` have
+    nothing of anybody whose other tracks are not in them.
     """
     kind, _, fold = part.partition("-")
     if kind in ("fit", "validation"):
-        return in_validation_blocks(tracks, person=person) == (kind == "validation")
-    first, last = _spans(tracks, person)
-    margin = CONTEMPORARIES_S if kind == "without" else 0.0
-    first, last = first - margin, last + margin if kind == "without" else first
-    begin, end = first // BLOCK_S, last // BLOCK_S
-    touches = begin + (int(fold) - 1 - begin) % FOLDS <= end
-    return ~touches if kind == "without" else touches
-
-
-def _spans(tracks, person):
-    """When each track begins and ends [s], or the person whose it is."""
-    bounds = tracks.bounds()
-    begin, end = tracks.t[bounds[:-1]], tracks.t[bounds[1:] - 1]
+        held = in_validation_blocks(tracks)
+    else:
+        bounds = tracks.bounds()
+        first, last = tracks.t[bounds[:-1]], tracks.t[bounds[1:] - 1]
+        margin = CONTEMPORARIES_S if kind == "without" else 0.0
+        begin = (first - margin) // BLOCK_S
+        end = (last + margin) // BLOCK_S if kind == "without" else begin
+        held = begin + (int(fold) - 1 - begin) % FOLDS <= end
+    if kind in ("fold", "validation"):
+        return held
     if person is None:
-        return begin, end
+        return ~held
     _, whose = np.unique(person, return_inverse=True)
-    first, last = np.full(len(begin), np.inf), np.full(len(begin), -np.inf)
-    np.minimum.at(first, whose, begin)
-    np.maximum.at(last, whose, end)
-    return first[whose], last[whose]
+    return np.bincount(whose, held)[whose] == 0
 
 
-def in_validation_blocks(tracks: Tracks, seed: int = 0, person: np.ndarray | None = None) -> np.ndarray:
+def in_validation_blocks(tracks: Tracks, seed: int = 0) -> np.ndarray:
     """Whether tracks belong to the validation part of their recording: those that begin in some blocks of time.
 
     About `VALIDATION_SHARE` of the recording's half-hours with people, drawn with `seed`, at least one. Companions stay
-    together, so a forecast of the one cannot be taken from the other. `person` as of `in_part`.
+    together, so a forecast of the one cannot be taken from the other.
     """
-    block = (_spans(tracks, person)[0] // BLOCK_S).astype(np.int64)
+    block = (tracks.t[tracks.bounds()[:-1]] // BLOCK_S).astype(np.int64)
     blocks = np.unique(block)
     number = max(round(VALIDATION_SHARE * len(blocks)), 1)
     return np.isin(block, np.random.default_rng(seed).permutation(blocks)[:number])

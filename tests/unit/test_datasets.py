@@ -946,13 +946,16 @@ def test_people_s_files_read_as_one_file_with_ids(tmp_path, reader, header):
 
 
 def test_people_s_files_have_the_same_columns(tmp_path):
-    files = {"1.csv": "", "2.csv": "t,x,y\n" + "\n".join(LINES), "3.csv": "t, x, y\n" + "\n".join(LINES)}
+    """Those that are read, however they are quoted; another may be named after the person."""
+    rows = "".join(f"{line},0\n" for line in LINES)
+    files = {"1.csv": "", "2.csv": f"t,x,y,helmet 2\n{rows}", "3.csv": f't, x,"y",helmet 3\n{rows}'}
     keys = {"header": True, "columns": {"t": "t", "x": "x", "y": "y"}}
     tracks, _ = people_rows(of_people(tmp_path, files, **keys))
     assert set(tracks.track_id.tolist()) == {2, 3}
-    (tmp_path / "4.csv").write_text("t,y,x\n" + "\n".join(LINES))
-    with pytest.raises(DataError, match=r"4\.csv: names columns 't y x', .*2\.csv 't x y'"):
-        people_rows(load_dataset(tmp_path / "mine.yaml", tmp_path))
+    for names in ("t,y,x,helmet 4", "t,x,z,helmet 4", "helmet 4,t,x,y"):
+        (tmp_path / "4.csv").write_text(f"{names}\n{rows}")
+        with pytest.raises(DataError, match=r"4\.csv: its columns stand elsewhere than those of .*2\.csv"):
+            people_rows(load_dataset(tmp_path / "mine.yaml", tmp_path))
 
 
 def test_who_a_row_is_of_is_said_once(load):

@@ -216,7 +216,7 @@ def _of_dataset(dataset: Dataset, looked: list[Facts]) -> list[tuple[str, str]]:
     days = {one.recording.day or one.recording.path for one in looked}
     tested = [one for one in looked if one.recording.split == "test"]
     ahead = [windows(one.clean, dataset, scenes_of(one.account)) for one in tested]
-    lengths = [truth_of(one, found, dataset)[1] for one, found in zip(parts[1], ahead, strict=True)]
+    lengths = [truth_of(one.clean, found, dataset)[1] for one, found in zip(tested, ahead, strict=True)]
     steps = np.concatenate([*lengths, np.empty(0, int)])
     by_horizon = {h: int((steps >= round(h / dataset.time_step_s)).sum()) for h in scored_horizons(None, dataset)}
     return [

@@ -3,6 +3,7 @@
 import bz2
 import codecs
 import contextlib
+import csv
 import gzip
 import lzma
 import re
@@ -137,6 +138,7 @@ class People(NamedTuple):
     header: bool
     skip_lines: int
     comment: str  # what a comment begins with; "": there are none
+    columns: tuple[str, ...] = ()  # names that are read, which stand at one place in all files
 
     def __str__(self) -> str:
         return f"{Path(self.files[0]).parent} ({len(self.files)} files)"
@@ -144,7 +146,7 @@ class People(NamedTuple):
     def lines(self) -> Iterator[bytes]:
         """Each file's lines, with the person's name before its rows, in pieces; the names of the columns once."""
         mark = self.separator.encode()
-        first: tuple[str, list[bytes]] | None = None  # file that names the columns, and the names
+        first: tuple[str, dict[str, int]] | None = None  # file that names the columns, and where those are that count
         for file, name in zip(self.files, ids_of_people(self.files), strict=True):
             if {self.separator, *'"\t\r\n'} & set(name) or (self.comment and name.startswith(self.comment)):
                 raise DataError(
@@ -156,16 +158,23 @@ class People(NamedTuple):
             begin = next((n for n, line in enumerate(lines) if self._is_row(line)), len(lines))
             yield b"".join(line + b"\n" for line in lines[:begin] if line.strip())
             if self.header and begin < len(lines):
-                names = lines[begin].replace(mark, b" ").split()
+                places = self._places(lines[begin])
                 if first is None:
-                    first = file, names
+                    first = file, places
                     yield FILE_COLUMN.encode() + mark + lines[begin] + b"\n"
-                if names != first[1]:
-                    own, other = (b" ".join(one).decode(errors="replace")[:80] for one in (names, first[1]))
-                    raise DataError(f"{file}: names columns {own!r}, {first[0]} {other!r}: write all files alike")
+                if places != first[1]:
+                    raise DataError(
+                        f"{file}: its columns stand elsewhere than those of {first[0]}: write all files alike"
+                    )
                 begin += 1
             before = name.encode() + mark
             yield b"".join((before if self._is_row(line) else b"") + line + b"\n" for line in lines[begin:])
+
+    def _places(self, line: bytes) -> dict[str, int]:
+        """Where in a line of names those are that are read."""
+        text = line.decode(errors="replace")
+        names = text.split() if self.separator == " " else next(csv.reader([text], delimiter=self.separator), [])
+        return {name.strip(): place for place, name in enumerate(names) if name.strip() in self.columns}
 
     def _is_row(self, line: bytes) -> bool:
         start = line.lstrip()

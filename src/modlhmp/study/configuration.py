@@ -67,7 +67,7 @@ def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
 
 def _check_titles(run: RunSettings) -> None:
     """Whether no two methods that a run has are called alike where they are shown."""
-    titles = run.titles(run.methods_run)
+    titles = run.titles(dict.fromkeys([*run.compare, *run.ladder_methods]))
     for name, title in titles.items():
         if alike := [other for other, one in titles.items() if one == title and other != name]:
             raise DataError(

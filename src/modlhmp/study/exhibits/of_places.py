@@ -6,7 +6,7 @@ from typing import Any
 
 from modlhmp.datasets import Dataset
 from modlhmp.study import lacks
-from modlhmp.study.exhibits.record import MODULES, Exhibit, test_days
+from modlhmp.study.exhibits.record import MODULES, Exhibit, days_of
 from modlhmp.study.exhibits.words import OVER
 from modlhmp.study.explorer.look import ASSETS
 from modlhmp.study.plan import Plan
@@ -297,7 +297,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "by then against the share of people that had. A robot that must keep its distance needs both on the "
         f"diagonal. Bars are 95 % intervals of the mean, {OVER}; the CSV has all horizons, and n of each bin.",
         needs=_uncertainty,
-        asks=lambda plan, datasets: {"methods": plan.titles, "measured": plan.measured, "days": test_days(datasets)},
+        asks=lambda plan, datasets: {"methods": plan.titles, "measured": plan.measured, "days": days_of(datasets)},
         wanted=_measures,
         lacks=(lacks.NOT_AS_LONG,),
     ),

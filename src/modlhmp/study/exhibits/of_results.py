@@ -7,7 +7,7 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.kinds import find
 from modlhmp.study import lacks
-from modlhmp.study.exhibits.record import MODULES, Exhibit, test_days
+from modlhmp.study.exhibits.record import MODULES, Exhibit, days_of
 from modlhmp.study.exhibits.words import SEED_MEANS
 from modlhmp.study.plan import Plan
 from modlhmp.study.published import AHEAD_S, STEP_S
@@ -112,7 +112,7 @@ def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
         "studies": _values(plan, _claimed_studies(plan)),
         "horizons": plan.horizons,
         "measured": _measured(plan, datasets),
-        "days": test_days(datasets),
+        "days": days_of(datasets),
     }
 
 
@@ -140,7 +140,7 @@ def _straight(plan: Plan) -> str | None:
 def _short_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     return {
         "methods": plan.titles, "measured": plan.measured, "reference": _straight(plan), "short": _short(plan),
-        "days": test_days(datasets),
+        "days": days_of(datasets),
     }  # fmt: skip
 
 

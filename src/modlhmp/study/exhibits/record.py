@@ -80,6 +80,6 @@ class Exhibit:
         return {"table": TABLE_FORMS, "figure": FIGURE_FORMS, "page": PAGE_FORMS}[self.form]
 
 
-def test_days(datasets: Sequence[Dataset]) -> dict[str, dict[str, str]]:
+def days_of(datasets: Sequence[Dataset]) -> dict[str, dict[str, str]]:
     """{dataset: {test recording: its day}}, by which tests and intervals know what goes together."""
     return {dataset.name: dataset.days("test") for dataset in datasets}
