@@ -322,6 +322,7 @@ def test_an_edit_of_the_tests_code_compares_again(tiny_run, tmp_path):
     rules |= {"table_ladder": 2, "figure_ladder": 1, "write_report": 1}
     rules |= {"measure_likelihood": 2, "table_likelihood": 1, "figure_likelihood": 1}
     rules |= {"measure_given": 2, "table_likelihood_given": 1, "figure_prequential": 1}
+    rules |= {"figure_calibration": 1, "table_uncertainty": 1}  # `study.reliability` has the intervals
     assert edited(tiny_run, tmp_path, "scoring/ttests.py") == rules
 
 
