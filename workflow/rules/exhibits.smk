@@ -39,7 +39,7 @@ for exhibit in EXHIBITS:
         group:
             "exhibits"
         resources:
-            mem_mb=1500,
+            mem_mb=2000,
             runtime=exhibit.minutes,
         params:
             module=exhibit.module,
@@ -109,7 +109,7 @@ rule write_report:
     group:
         "exhibits"
     resources:
-        mem_mb=1500,
+        mem_mb=2000,
         runtime=15,
     params:
         run=RUN.run,

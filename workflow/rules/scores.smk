@@ -116,7 +116,7 @@ rule measure_uncertainty:
     group:
         "methods"
     resources:
-        mem_mb=1500,
+        mem_mb=2000,
         runtime=60,
     params:
         run=RUN.run,

@@ -105,7 +105,7 @@ rule study_occupied:
     group:
         "studies"
     resources:
-        mem_mb=2000,
+        mem_mb=4000,
         runtime=60,
     params:
         methods=lambda wildcards: [
