@@ -85,8 +85,9 @@ def clean_rows(
         owners = account.owners if form.same_person else None
         tracks = _drop(tracks, "other_split", ~in_split(tracks, recording, owners), account)
     if recording.part:
-        pieces = {int(piece): whole for piece, whole in _pieces(tracks, account, form).items()}
-        person = whole_ids(tracks.track_id[tracks.bounds()[:-1]], pieces)
+        ids = tracks.track_id[tracks.bounds()[:-1]]
+        pieces = {int(piece): whole for piece, whole in _pieces(account.owners.of(ids), form).items()}
+        person = whole_ids(ids, pieces)
         tracks = _drop(tracks, "other_part", ~in_part(tracks, recording.part, person), account)
     account.rows_kept = len(tracks.t)
     account.tracks_kept = len(tracks.bounds()) - 1
@@ -108,8 +109,8 @@ def clean_rows(
             f"tracks dropped: {dict(account.dropped_tracks)}; {_remedy(form, usual_step(whole), account)}"
         )
     known = account.owners.of(tracks.track_id[tracks.bounds()[:-1]])
-    told = (("owners", known), ("persons", _pieces(tracks, account, form)))
-    beside: dict[str, Any] = {name: ids for name, ids in told if ids}
+    pieces = _pieces(known, form)
+    beside: dict[str, Any] = {name: ids for name, ids in (("owners", known), ("persons", pieces)) if ids}
     if account.scenes is not None:
         scenes = of_pieces(account.scenes, tracks, account.owners)
         account.notes["scenes_of_others"] = len(account.scenes.begin) - len(scenes.begin)
@@ -117,10 +118,9 @@ def clean_rows(
     return tracks, {**account.as_dict(), **beside}
 
 
-def _pieces(tracks, account, form):
-    """As JSON data: {track id of a later piece: that of the first}; nothing where they are not one person."""
-    known = account.owners.of(tracks.track_id[tracks.bounds()[:-1]]) if form.same_person else {}
-    return {number: id_of(owner) for number, (owner, piece) in known.items() if piece > 1}
+def _pieces(known, form):
+    """{track id of a later piece: that of the first} among the `known` owners; nothing if they are not one person."""
+    return {number: id_of(owner) for number, (owner, piece) in known.items() if piece > 1 and form.same_person}
 
 
 def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Account) -> Tracks:
