@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from modlhmp.ids import Owners, id_of
-from modlhmp.storage import read_metadata
+from modlhmp.storage import DataError, read_metadata
 from modlhmp.tracks import Tracks
 
 LATE_S = 1e-6  # by which two ways to count a frame's time may differ
@@ -38,6 +38,20 @@ def scenes_of(account: Mapping[str, Any]) -> Scenes | None:
     if plain is None:
         return None
     return Scenes(np.array(plain["track_id"], np.int64), np.array(plain["begin"]), np.array(plain["end"]))
+
+
+def check_alike(scenes: Mapping[str, Scenes | None]) -> None:
+    """Refuse test recordings, by their names, of which some have scenes and others none: their counts would not mean
+    the same.
+    """
+    having = [name for name, found in scenes.items() if found is not None]
+    if having and len(having) < len(scenes):
+        none = next(name for name, found in scenes.items() if found is None)
+        raise DataError(
+            f"test recording {having[0]} has scenes and {none} has none: the first would be forecast in its scenes, "
+            "the other's tracks once each. Make a dataset of each kind, or set `forecast_every_s`, which asks for "
+            "forecasts of all tracks and leaves scenes out"
+        )
 
 
 def of_pieces(scenes: Scenes, tracks: Tracks, owners: Owners) -> Scenes:

@@ -163,7 +163,7 @@ rule check_splits:
             {key: getattr(one, key) for key in ("name", "path", "day", "split")}
             for one in DATASETS[wildcards.dataset].recordings
         ],
-        dataset=settings_of("accept", "strict", *SITE_KEYS),
+        dataset=settings_of("accept", "strict", "forecast_every_s", *SITE_KEYS),
         code=code_of("check_splits"),
     message:
         "Check the splits of {wildcards.dataset}"

@@ -16,12 +16,13 @@ from modlhmp.study.summary import at_horizons
 from modlhmp.tracks import read_tracks
 
 NOTE = (
-    "Verdicts: supported (p < 0.05 after Holm's correction, or the number itself), contradicted (the same for the "
-    "opposite), not shown (neither). A difference that does not vary has no p. Tests between methods have the "
-    "corrected p of the table of t-tests; the others are corrected over those of this table of one dataset and "
-    "protocol. `not forecast` counts tracks that one side could not forecast; a verdict that rests on them says so. "
-    "Under the paper protocol the tracks are those that both sides scored. The recordings are not all the paper's: "
-    "docs/results.md."
+    "Verdicts: supported (p < 0.05 after Holm's correction, one-sided), contradicted (the same for the opposite), not "
+    "shown (neither); of a number, contradicted or not, by whether the interval holds it. A difference that does not "
+    "vary has no p. Two families of tests are corrected, each by dataset and protocol and for either side by itself: "
+    "those between methods, which are those of the table of t-tests, and those that only this table makes. Intervals "
+    "are two-sided and not corrected. `not forecast` counts tracks that one side could not forecast; a verdict that "
+    "rests on them says so. Under the paper protocol the tracks are those that both sides scored. The recordings are "
+    "not all the paper's: docs/results.md."
 )
 
 
