@@ -49,21 +49,24 @@ def last_of_step(rows: Tracks, step_s: float, account: Account) -> Tracks:
 def interpolate(tracks: Tracks, step_s: float) -> Tracks:
     """Each track on a grid of `step_s` from its own first row, linearly; velocities are backward differences.
 
-    The first row of a track has no velocity (NaN).
+    The first row of a track has no velocity (NaN). Where a track's last rows are about as far apart as the steps, the
+    last one may be `LATE_STEPS` early, or a clock's jitter would take it.
     """
     bounds = tracks.bounds()
     if len(bounds) == 1:
         return tracks
     first, last = bounds[:-1], bounds[1:] - 1
-    duration = tracks.t[last] - tracks.t[first]
-    counts = np.floor(duration / step_s + 1e-6) + 1
+    duration, before = tracks.t[last] - tracks.t[first], np.maximum(last - 1, first)
+    early = np.where(tracks.t[last] - tracks.t[before] > step_s / 2, LATE_STEPS, max(1e-6, ROUNDING_S / step_s))
+    counts = np.floor(duration / step_s + early) + 1
     if counts.sum() > 100 * len(tracks.t) + 86_400 / step_s:
         raise DataError("tracks have gaps of hours; set a shorter `max_gap_s`")
     counts = counts.astype(np.int64)
     axis, offset, _ = laid_out(tracks, np.column_stack([first, last]), 2 * step_s)
     track = np.repeat(np.arange(len(first)), counts)
     step = (np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)) * step_s
-    grid = step + offset[track]
+    grid, end = step + offset[track], axis[last][track]
+    grid = np.where(grid > end + ROUNDING_S, end, grid)  # not on towards the next track
     x, y = np.interp(grid, axis, tracks.x), np.interp(grid, axis, tracks.y)
     speed, heading = backward_differences(tracks.track_id[first][track], step, x, y)
     return Tracks(tracks.track_id[first][track], tracks.t[first][track] + step, x, y, speed, heading)

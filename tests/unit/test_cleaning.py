@@ -14,7 +14,7 @@ from modlhmp.ids import id_of
 from modlhmp.splits import BLOCK_S, CONTEMPORARIES_S, FOLDS, VALIDATION_SHARE, in_part, in_validation_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import backward_differences, interpolate
-from modlhmp.tracks import Tracks, concatenate, empty_tracks, usable_tracks
+from modlhmp.tracks import LATE_STEPS, Tracks, concatenate, empty_tracks, usable_tracks
 
 SCALE = 0.0247
 T0 = 1_277_971_200.0
@@ -221,7 +221,8 @@ def test_interpolation_is_that_of_each_track_alone(tracks, step_s):
     result = interpolate(concatenate(tracks), step_s)
     for one in tracks:
         found = result.take(result.track_id == one.track_id[0])
-        grid = one.t[0] + step_s * np.arange(int((one.t[-1] - one.t[0]) / step_s) + 1)
+        late = LATE_STEPS if np.diff(one.t[-2:]).sum() > step_s / 2 else 0.0
+        grid = one.t[0] + step_s * np.arange(int((one.t[-1] - one.t[0]) / step_s + late) + 1)
         assert found.t.tolist() == grid.tolist()
         np.testing.assert_allclose(found.x, np.interp(grid, one.t, one.x), atol=1e-6)
         np.testing.assert_allclose(found.y, np.interp(grid, one.t, one.y), atol=1e-6)
@@ -247,6 +248,31 @@ def test_a_row_on_the_last_grid_point_is_kept():
     for first in range(50):
         found = interpolate(track(1, T0 + (first + np.arange(0, 28)) / 9, np.arange(28)), 1.0)
         np.testing.assert_allclose(found.x, [0, 9, 18, 27], atol=1e-4)
+
+
+@pytest.mark.parametrize(("step_s", "jitter_s"), [(0.4, 1e-4), (0.4, 5e-3), (1.0, 0.02), (0.1, 0.0), (0.04, 0.0)])
+def test_a_clock_that_ticks_unevenly_takes_no_last_row(step_s, jitter_s):
+    """Rows a step apart: as many come out, where the clock is late or early, and where unix times are rounded."""
+    rng = np.random.default_rng(3)
+    people = [
+        track(
+            who,
+            T0 + 7.3 * who + step_s * np.arange(20) + rng.uniform(-jitter_s, jitter_s, 20),
+            np.arange(20) + 50 * who,
+        )
+        for who in range(200)
+    ]
+    found = interpolate(concatenate(people), step_s)
+    assert np.diff(found.bounds()).tolist() == [20] * 200
+    places = found.x.reshape(200, 20) - 50 * np.arange(200)[:, None]
+    assert np.abs(places - np.arange(20)).max() <= 2 * jitter_s / step_s + 1e-3
+    assert (places[:, -1] <= 19 + 1e-3).all(), "nobody goes on towards the next one"
+
+
+def test_rows_between_the_steps_make_no_row_of_their_own():
+    """At a tracker's rate the last whole step is the last row: nothing is lost, and none is made up."""
+    found = interpolate(track(1, T0 + 0.03 * np.arange(100), np.arange(100)), 1.0)
+    assert found.t.tolist() == [T0, T0 + 1, T0 + 2]
 
 
 def test_interpolation_keeps_a_far_neighbour_out():
