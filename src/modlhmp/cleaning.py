@@ -13,7 +13,7 @@ import numpy as np
 from modlhmp.account import Account
 from modlhmp.file_format import FileFormat, Recording
 from modlhmp.ids import id_of
-from modlhmp.plausibility import ask_about, check_recording
+from modlhmp.plausibility import ask_about, check_recording, step_of
 from modlhmp.readers import read_recording
 from modlhmp.readers.raw import People
 from modlhmp.scenes import of_pieces
@@ -162,8 +162,8 @@ def _remedy(form, usual, account):
         return "nobody is left for this side of `split`: divide the file differently"
     if usual > form.gap_s:
         return (
-            f"rows of a track are usually {usual:g} s apart, more than the longest gap of {form.gap_s:g} s: set "
-            f"`time_step_s: {usual:g}`"
+            f"rows of a track are usually {usual:g} s apart, more than the longest gap of {form.gap_s:g} s: "
+            f"{step_of(usual)}"
         )
     if account.notes["cut_at_jump"] > len(account.dropped_tracks):
         return "tracks were cut at every row that jumps: is the unit of length or time right (`units`, `frame_rate`)?"

@@ -18,6 +18,7 @@ from modlhmp.file_format import CheckName, FileFormat
 from modlhmp.motion import Moves, moves, recorded_agreement, recorded_ratio, returned_to
 from modlhmp.readers.delimited import SPEED_MPS
 from modlhmp.readers.hints import hint_of_units
+from modlhmp.site import MOST_STEP_S
 from modlhmp.speed_units import explain, extent_of
 from modlhmp.storage import DataError
 from modlhmp.tracks import LEAST_JUMP_S, Tracks, usual_step
@@ -207,7 +208,14 @@ def time_step(seen: Evidence) -> Told:
     if len(seen.rows.t) < LEAST_ROWS or not step > APART * wanted:
         return None
     told = f"rows of a track are usually {step:.3g} s apart, the time step is {wanted:g} s: most rows would be made up"
-    return "warn", told, f"set `time_step_s: {step:.3g}`"
+    return "warn", told, step_of(step)
+
+
+def step_of(usual_s: float) -> str:
+    """What to do about rows that are usually so far apart [s]."""
+    if usual_s > MOST_STEP_S:
+        return f"a row every {MOST_STEP_S:g} s is needed at least: are times in another unit (`units`, `frame_rate`)?"
+    return f"set `time_step_s: {usual_s:.3g}`"
 
 
 def extent(seen: Evidence) -> Told:

@@ -177,6 +177,16 @@ def test_rows_farther_apart_than_the_time_step(tmp_path):
     assert "time_step_s: 3" in found.remedy
 
 
+@pytest.mark.parametrize(("apart_s", "said"), [(7, "`time_step_s: 7`"), (61, "every 60 s"), (128, "every 60 s")])
+def test_rows_too_far_apart_get_an_answer_that_can_be_given(tmp_path, apart_s, said):
+    """As a warning where gaps may be longer, and where no track is left."""
+    path = write(tmp_path / "a.csv", people(step_s=apart_s), moving=False)
+    (found,) = (one for one in findings(path, form(PLACES)) if one.check == "time_step")
+    assert said in found.remedy
+    with pytest.raises(DataError, match=rf"cleaning left no track.* {apart_s} s apart.*{said}"):
+        modlhmp.read_tracks(path, columns=PLACES, accept=["walking_speed"])
+
+
 def test_ids_that_jump(tmp_path):
     table = people(number=20)
     swapped = table.copy()
