@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Le, MaxLen, MinLen
 
 from modlhmp.cleaning import are_polygons, check_rules
+from modlhmp.clock import CLOCK
 from modlhmp.file_format import FileFormat, Recording, Split, check_format
 from modlhmp.floor_plan import image_of
 from modlhmp.readers.files import IN_NAME, check_different, day_in_name, find_files, names_of, recording_at
@@ -24,7 +25,6 @@ from modlhmp.storage import DataError, boundary
 from modlhmp.yaml_file import read_yaml
 
 VALIDATION_DAYS = 0.3
-_CLOCK = r"([01][0-9]|2[0-3]):[0-5][0-9](:[0-5][0-9])?([+-][0-9]{2}:[0-9]{2})?"
 REQUIRED = ("title", "reader", "timezone", "recordings", "horizon_s", "velocity", "citation", "terms")
 
 
@@ -325,7 +325,7 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
             raise DataError(
                 f"{path}: recordings: start {entry.start!r}: times are of a clock already (`iso`): leave it out"
             )
-        if entry.start is not None and not re.fullmatch(_CLOCK, entry.start):
+        if entry.start is not None and not CLOCK.fullmatch(entry.start):
             raise DataError(f'{path}: recordings: start {entry.start!r} is no clock time such as "09:00"')
 
 

@@ -81,6 +81,12 @@ def test_a_day_and_its_clock(write):
     tracks = modlhmp.read_tracks(path, **NAMED, units={"time": "ms", "length": "cm"}, day="2026-03-02", start="09:00")
     assert tracks.t[0] == 1772442000.0
     refused("say the `day`", modlhmp.read_tracks, path, **NAMED, start="09:00")
+    for day in ("2026-03-02T05:00", "20260302", "2026-02-30"):
+        refused("day .* date", modlhmp.read_tracks, path, **NAMED, day=day)
+    for start in ("09:00-11:00", "09:00+05:00", "nine", 9):
+        refused("start .*(clock time|offset)", modlhmp.read_tracks, path, **NAMED, day="2026-03-02", start=start)
+    for day in (None, "2026-03-02"):
+        refused("leave it out", modlhmp.read_tracks, path, **NAMED, units={"time": "iso"}, day=day, start="01:00")
 
 
 def test_a_clean_recording_and_a_dataset_file(write, tmp_path):

@@ -54,6 +54,14 @@ def test_one_blank_as_separator_where_there_are_several(tmp_path, line, header):
     assert "use `reader: text`" in told
 
 
+def test_times_of_a_twelve_hour_clock(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda person, t, x, y: f"{person},2026-03-02 09:00:{t:04.1f} AM,{x:.3f},{y:.3f}"
+    )
+    told = refusal(path, columns=BY_POSITION, units={"time": "iso"})
+    assert "2026-03-02T09:00:00 (ISO 8601" in told and "rewrite" in told
+
+
 def test_unix_times_and_a_start(tmp_path):
     path = file_of(tmp_path / "a.csv", lambda person, t, x, y: comma(person, UNIX + t, x, y), "id,t,x,y")
     told = refusal(path, Recording(day="2026-03-02", start="09:00"), header=True, columns=PLACES)

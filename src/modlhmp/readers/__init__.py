@@ -1,12 +1,13 @@
 """Readers: one recording file in, rows in SI units and the account of every row out."""
 
 import math
-from datetime import datetime, time
+import re
+from datetime import datetime
 from pathlib import Path
 from typing import Any, cast
 
 from modlhmp.account import Account
-from modlhmp.clock import local_time, midnight
+from modlhmp.clock import midnight, start_time
 from modlhmp.file_format import FileFormat
 from modlhmp.readers import atc, edinburgh, jupedsim, magni, trajnet
 from modlhmp.readers.delimited import read_delimited
@@ -28,7 +29,7 @@ def read_recording(
     """
     no_folder(path)
     try:
-        limits, origin = _day_and_origin(form.timezone, day, start, days)
+        limits, origin = _day_and_origin(form, day, start, days)
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
     with boundary(path, "cannot be read as the dataset file says"):
@@ -76,28 +77,32 @@ def _next(column):
     return str(int(column) + 1) if column.isdecimal() else column
 
 
-def _day_and_origin(timezone: str, day: str, start: str | None, days: int) -> tuple[tuple[float, float], float]:
+def _day_and_origin(form: FileFormat, day: str, start: str | None, days: int) -> tuple[tuple[float, float], float]:
     """((first, last) unix second of the days, unix time of the file's time 0)."""
+    if start is not None and form.units.time == "iso":
+        raise DataError(f"start {start!r}: times are of a clock already (`iso`): leave it out")
     if not day:
         if start is not None:
             raise DataError(f"start {start!r}: say the `day` that it is the clock time of")
         return (-math.inf, math.inf), 0.0
     try:
-        date, clock = datetime.fromisoformat(day), time.fromisoformat(start or "00:00")
-    except (TypeError, ValueError, OverflowError):
-        raise DataError(
-            f'day {day!r}, start {start!r}: give a date and a clock time, as "2012-10-24" and "09:00"'
-        ) from None
+        if not re.fullmatch(r"\d{4}-\d\d-\d\d", day):
+            raise ValueError
+        date = datetime.fromisoformat(day)
+    except (TypeError, ValueError):
+        raise DataError(f'day {day!r}: give a date, such as "2012-10-24"') from None
     if not 1900 < date.year < 2200:
         raise DataError(f"day {day!r}: give a date of our time")
     try:
-        limits = midnight(date, timezone), midnight(date, timezone, days)
+        limits = midnight(date, form.timezone), midnight(date, form.timezone, days)
     except (ValueError, OverflowError):
         raise DataError(f"days {days}: the day that many days after {day} has no date; give a smaller number") from None
     if start is None:
         return limits, 0.0
-    begins = datetime.combine(date, clock)
     try:
-        return limits, begins.timestamp() if clock.tzinfo else local_time(begins, timezone)
+        origin = start_time(date, start, form.timezone)
     except DataError as error:
         raise DataError(f"start {start!r}: {error}") from None
+    if origin is None:
+        raise DataError(f'start {start!r}: give a clock time, such as "09:00"')
+    return limits, origin

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from datetime import datetime, timezone
 from typing import Any
 
+from modlhmp.clock import unix_time
+
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}([., '])\d{3}(\1\d{3})*")
@@ -57,10 +59,12 @@ def _of_fields(lines, layout):
     separator = layout.get("separator", ",")
     fields = [field.strip(' "') for line in lines[1:4] for field in line.split(separator)]
     iso = layout.get("units", {}).get("time") == "iso"
-    has_iso = any(_ISO.match(field) for field in fields)
-    if iso and not has_iso:
-        return "has no times such as 2026-03-02T09:00:00 (ISO 8601: year-month-day, then the time): rewrite that column"
-    if has_iso and not iso:
+    if iso and not any(unix_time(field, "UTC") is not None for field in fields):
+        return (
+            "has no times such as 2026-03-02T09:00:00 (ISO 8601: year-month-day, then the time, 0 to 23 h): rewrite "
+            "that column"
+        )
+    if not iso and any(_ISO.match(field) for field in fields):
         return "has times such as 2026-03-02T09:00: set `units: {time: iso}`"
     decimal, thousands = layout.get("decimal") or ".", layout.get("thousands")
     marked = next((found for one in fields if (found := _THOUSANDS.fullmatch(one)) and found[1] != decimal), None)
