@@ -600,6 +600,19 @@ def test_a_local_time_that_is_not_one_moment_is_named_with_its_row(write, person
     assert f"{path}, row 7: {text} in Europe/Berlin {message}" in str(error.value)
 
 
+@pytest.mark.parametrize("size", [60, 1 << 20])
+@pytest.mark.parametrize("person", ["1", "a", '"1"'])
+@pytest.mark.parametrize(("first", "other"), [("", "+00:00"), ("Z", "")])
+def test_times_with_and_without_a_zone_are_not_mixed(write, cut, size, person, first, other):
+    """They may be hours apart; the first row of each is named, of the second block as well."""
+    cut(size)
+    times = [f"2026-07-01 09:00:0{n}{zone}" for n, zone in enumerate([first, first, other, first, other])]
+    lines = [f"{person},{time},{n},0" for n, time in enumerate(times)]
+    with pytest.raises(DataError) as error:
+        stranger(write, "\n".join(["id,t,x,y", *lines, ""]), units={"time": "iso"}, timezone="Europe/Stockholm")
+    assert all(f"row {n + 2}" in str(error.value) and repr(times[n]) in str(error.value) for n in (0, 2))
+
+
 def test_a_start_that_is_not_one_moment_is_named_with_its_file(write):
     path = write("id,t,x,y\n1,0,0,0\n")
     form = FileFormat(columns=Columns(**BY_NAME), header=True, timezone="Europe/Berlin")

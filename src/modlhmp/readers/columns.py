@@ -34,7 +34,8 @@ class Parsed(NamedTuple):
     regular: np.ndarray
 
 
-Converters = Mapping[str, Callable[[str], float | int | bool | None]]
+Place = Callable[[], str]  # of a text, for errors: its file and row
+Converters = Mapping[str, Callable[[str, Place], float | int | bool | None]]
 
 
 def read_columns(
@@ -43,7 +44,7 @@ def read_columns(
     """Yield the columns of one block after the other as a dict of arrays; `layout` as in `delimited`.
 
     `row` is the row's number in the file, `track_id` int64, everything else float, NaN where a value is missing.
-    `converters` give what a text stands for, by field: None where it is not one of its kind.
+    `converters` give what a text at a place stands for, by field: None where it is not one of its kind.
     """
     blocks = line_blocks(path)
     form, block, row = look_at_start(path, layout, next(blocks), frozenset(converters))
@@ -178,7 +179,7 @@ def _converted(field, given, converters, place):
 def _meant(converter, text, place):
     """What a text stands for; where that is not known, the `DataError` says its place."""
     try:
-        return converter(text)
+        return converter(text, place)
     except DataError as error:
         raise DataError(f"{place()}: {error}") from None
 

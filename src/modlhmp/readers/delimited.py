@@ -13,7 +13,7 @@ import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.angles import by_convention, wrap_angle
-from modlhmp.clock import unix_time
+from modlhmp.clock import unix_time, utc_offset
 from modlhmp.file_format import LENGTH_M
 from modlhmp.ids import NOBODY
 from modlhmp.readers.columns import NO_ID, read_columns
@@ -89,19 +89,36 @@ def _converters(path, layout, chosen, account, seen):
     if layout.get("ids") == "text":
         found["track_id"] = partial(_whose, path=path, owners=account.owners)
     if (layout.get("units") or {}).get("time") == "iso":
-        found["t"] = partial(unix_time, timezone=layout.get("timezone", "UTC"))
+        found["t"] = partial(_moment, timezone=layout.get("timezone", "UTC"), first={})
     for field, (key, column) in chosen.items():
         texts = {str(text) for text in layout[key][column]}
         found[field] = partial(_is_kept, path=path, texts=texts, inside=key == "only", seen=seen[field])
     return found
 
 
-def _whose(text, path, owners):
+def _moment(text, place, timezone, first):
+    """The unix time of a text; `first` holds the first place of one with a zone (True) and of one without."""
+    t = unix_time(text, timezone)
+    if t is None:
+        return None
+    zoned = utc_offset(text) is not None
+    if zoned not in first:
+        first[zoned] = f"{place()}, {text!r},"
+    if len(first) > 1:
+        has, other = ("has a zone", "has none") if zoned else ("has no zone", "has one")
+        raise DataError(
+            f"the time {text!r} {has}, but that of {first[not zoned]} {other}, and they may be hours apart: write all "
+            "times with their offset from UTC, or none"
+        )
+    return t
+
+
+def _whose(text, place, path, owners):
     owners.check()
     return NO_ID if text in NOBODY else owners.number(_utf8(path, text))
 
 
-def _is_kept(text, path, texts, inside, seen):
+def _is_kept(text, place, path, texts, inside, seen):
     if len(seen) < MOST_TEXTS:
         seen.add(_utf8(path, text))
     return (text in texts) == inside
