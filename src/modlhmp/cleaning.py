@@ -25,6 +25,7 @@ from modlhmp.tracks import LEAST_JUMP_S, Tracks, laid_out, usual_step, whole_ids
 
 # Reasons for which readers drop a row that should have been somebody's position at a time.
 FAULTS = ("text_value", "nan_value", "infinite_value", "absurd_value", "wrong_column_count", "no_track_id")
+OTHERS = ("no_person", "outside_day")  # and one that may be right, but is nobody's, or of another time
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
 
@@ -47,16 +48,17 @@ def clean_recording(path: str | Path | People, form: FileFormat, recording: Reco
 
 
 def tell_of_faults(source: object, account: Mapping[str, Any]) -> None:
-    """Warn of the rows of `source` that are dropped since they are faulty: how many of all, the first of each kind."""
+    """Warn of the rows of `source` that are dropped unasked: how many of all, and the first of each kind."""
     rows, first = account["rows"], account["first_seen"]
-    found = {reason: count for reason, count in rows["dropped"].items() if reason in FAULTS}
-    if found:
+    for reasons, told in ((FAULTS, "faulty and dropped"), (OTHERS, "dropped as nobody's (id -1) or of another day")):
+        found = {reason: count for reason, count in rows["dropped"].items() if reason in reasons}
         kinds = (
             f"{n} {reason}" + (f" (first: {first[reason]})" if reason in first else "") for reason, n in found.items()
         )
-        logging.getLogger("modlhmp").warning(
-            "%s: %d of %d rows are faulty and dropped: %s", source, sum(found.values()), rows["read"], ", ".join(kinds)
-        )
+        if found:
+            logging.getLogger("modlhmp").warning(
+                "%s: %d of %d rows are %s: %s", source, sum(found.values()), rows["read"], told, ", ".join(kinds)
+            )
 
 
 def source_of(path: str | Path | People, form: FileFormat, recording: Recording) -> str | Path | People:

@@ -115,6 +115,11 @@ def test_a_clean_recording_and_a_dataset_file(write, tmp_path):
         ("1,5,inf,0", "1 of 12 rows are faulty and dropped: 1 infinite_value (first: row 7: track_id 1, t 5, x inf"),
         ("1,5,5", "1 of 12 rows are faulty and dropped: 1 wrong_column_count (first: row 7: '1,5,5')"),
         ("1,5,5e9,0", "1 of 12 rows are faulty and dropped: 1 absurd_value (first: row 7: track_id 1, t 5, x 5e+09"),
+        (
+            "-1,5,5,0",
+            "1 of 12 rows are dropped as nobody's (id -1) or of another day: 1 no_person (first: row 7: track",
+        ),
+        ("1,86400,5,0", "1 of 12 rows are dropped as nobody's (id -1) or of another day: 1 outside_day (first: row 7"),
         (",5,5,0", "1 of 12 rows are faulty and dropped: 1 no_track_id (first: row 7: track id is empty)"),
         ("1,5,5,0", None),
     ],
@@ -123,7 +128,7 @@ def test_faulty_rows_are_told(write, caplog, row, told):
     rows = [f"1,{t},{t},0" for t in range(12)]
     rows[5] = row
     path = write("p,t,x,y\n" + "\n".join(rows))
-    modlhmp.read_tracks(path, columns={"track_id": "p", "t": "t", "x": "x", "y": "y"})
+    modlhmp.read_tracks(path, columns={"track_id": "p", "t": "t", "x": "x", "y": "y"}, day="1970-01-01")
     messages = [one.getMessage() for one in caplog.records]
     assert len(messages) == (told is not None) and all(one.startswith(f"{path}: {told}") for one in messages)
 
