@@ -302,6 +302,8 @@ CHECKS = (
           "order, or one id going on within 5 s, or two time steps, of the same day",
           "warns from the first, stops above 1 %",
           "`recordings`, `split`"),
+    Check("copied_recording", "recordings of one split with walks in common: the same positions in the same order",
+          "stops above 1 %", "`recordings`"),
     Check("untrained_place", "test rows in 1 m cells with training rows", "warns below half, stops below a tenth",
           "`recordings`, `units`, `origin_m`"),
     Check("horizon", "how long test tracks last after what is observed", "warns where none lasts `horizon_s`",

@@ -43,7 +43,10 @@ def check_splits(recordings: Iterable[tuple[Recording, Tracks]], site: Site) -> 
     seen = [_seen(recording, tracks, site) for recording, tracks in recordings]
     train = [one for one in seen if one.recording.split == "train"]
     test = [one for one in seen if one.recording.split == "test"]
-    told = (_shared_people(train, test, site), _untrained_place(train, test), _horizon(test, site), _hours(train, site))
+    told = (
+        _shared_people(train, test, site), _copied_recording(train), _copied_recording(test),
+        _untrained_place(train, test), _horizon(test, site), _hours(train, site),
+    )  # fmt: skip
     return [one for one in told if one is not None]
 
 
@@ -105,6 +108,23 @@ def _shared_people(train, test, site):
     told = f"{shared} of {total} test tracks are in the training recordings as well (first: {pairs[0]})"
     remedy = "divide the recordings so that nobody is in both, by `recordings: [{split: ...}]`"
     return Finding("shared_people", "stop" if shared > STOP_SHARED * total else "warn", told, remedy)
+
+
+def _copied_recording(seen):
+    """Recordings of one split that have walks in common, so that the same people would count twice."""
+    walks = [np.unique(one.walk[one.walk != 0]) for one in seen]
+    counts = [len(one) for one in walks]
+    every, whose = np.concatenate([*walks, np.empty(0, np.uint64)]), np.repeat(np.arange(len(seen)), counts)
+    order = np.argsort(every, kind="stable")
+    again = np.flatnonzero(every[order][1:] == every[order][:-1])
+    pairs, common = np.unique(np.stack([whose[order[again]], whose[order[again + 1]]], 1), axis=0, return_counts=True)
+    for (first, second), shared in zip(pairs.tolist(), common.tolist(), strict=True):
+        of = min(counts[first], counts[second])
+        if shared > STOP_SHARED * of:
+            names = f"{seen[first].recording.name} and {seen[second].recording.name}"
+            told = f"{names} ({seen[first].recording.split}) have the same walks, {shared} of {of}"
+            return Finding("copied_recording", "stop", told, "leave one of them out of `recordings`")
+    return None
 
 
 def _goes_on(one, other, gap_s):

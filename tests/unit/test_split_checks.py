@@ -1,13 +1,17 @@
 """People or contents in both splits, and test places where nobody trained, are noticed."""
 
+import gzip
+import json
+
 import numpy as np
 import pytest
-from planted import people
+from planted import PLACES, people, write
 
 from modlhmp.file_format import Recording
+from modlhmp.inspection import inspect_dataset
 from modlhmp.site import Site
 from modlhmp.split_checks import check_splits
-from modlhmp.tracks import Tracks
+from modlhmp.tracks import Tracks, concatenate
 
 SITE = Site(horizon_s=10)
 
@@ -66,6 +70,35 @@ def test_the_same_walks_under_other_ids_and_times():
     told = found((recording("a", "train"), train), (recording("b", "test", "2026-03-03"), copied))
     assert told["shared_people"].severity == "stop"
     assert "a and b" in told["shared_people"].text
+
+
+@pytest.mark.parametrize("split", ["train", "test"])
+def test_a_recording_that_is_a_copy_of_another(split):
+    """Of another day and with other ids, and as a part of a longer one."""
+    rest = "test" if split == "train" else "train"
+    longer = concatenate([tracks(number=20), tracks(number=40, seed=5, first_id=100)])
+    copied = tracks(number=20)._replace(track_id=tracks(number=20).track_id + 500)
+    others = (recording("a", split), longer), (recording("b", rest), tracks(number=40, seed=4, first_id=900))
+    told = found(*others, (recording("c", split, "2026-03-03"), copied))["copied_recording"]
+    assert told.severity == "stop" and "a and c" in told.text
+    assert "copied_recording" not in found(*others, (recording("c", split), tracks(number=20, seed=6, first_id=2000)))
+
+
+def test_a_copy_in_another_form_is_refused(tmp_path):
+    """Packed, or with other ends of lines: its bytes are others, its people are not."""
+    path = write(tmp_path / "a.csv", people(number=30), moving=False)
+    with gzip.open(tmp_path / "b.csv.gz", "wb") as packed:
+        packed.write(path.read_bytes().replace(b"\n", b"\r\n"))
+    write(tmp_path / "c.csv", people(number=30, seed=5), moving=False)
+    described = {
+        "title": "Hall", "reader": "delimited", "header": True, "columns": PLACES, "timezone": "UTC",
+        "clock": "unknown", "horizon_s": 5, "velocity": "differences", "citation": "none", "terms": "none",
+        "recordings": [{"files": name, "split": "test" if name == "c.csv" else "train"}
+                       for name in ("a.csv", "b.csv.gz", "c.csv")],
+    }  # fmt: skip
+    (tmp_path / "hall.yaml").write_text(json.dumps(described))
+    told = [str(one) for _, one in inspect_dataset(tmp_path / "hall.yaml", tmp_path).findings]
+    assert any(one.startswith("copied_recording: a and b") for one in told), told
 
 
 def test_one_copied_walk_among_many_is_a_warning():
