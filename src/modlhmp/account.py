@@ -7,6 +7,7 @@ import numpy as np
 
 from modlhmp.ids import Owners
 from modlhmp.scenes import Scenes
+from modlhmp.tracks import Tracks
 
 LEAST_PASSED_S = 10.0  # times that fall back by less may be a recorder's jitter
 
@@ -15,8 +16,9 @@ class Account:
     """Counts of rows and tracks; `add_up` proves that none was lost.
 
     `beyond` is {distance [m], speed [m/s], heading [rad], time [s]: (how many values no recording can have, the median
-    of some of them)}: what tells a wrong unit from a bad row. `scenes` are the forecasts that a file asks for itself,
-    None where it does not.
+    of some of them)}: what tells a wrong unit from a bad row. `jumps` are rows to which an id jumped, noted by a reader
+    that leaves out rows between time steps. `scenes` are the forecasts that a file asks for itself, None where it does
+    not.
     """
 
     def __init__(self) -> None:
@@ -30,6 +32,7 @@ class Account:
         self.first_seen: dict[str, str] = {}
         self.notes: Counter[str] = Counter()
         self.owners = Owners()
+        self.jumps: list[Tracks] = []
         self.scenes: Scenes | None = None
         self.beyond: dict[str, tuple[int, float]] = {}
         self._falls = self._far_falls = self._id_changes = 0

@@ -20,8 +20,8 @@ from modlhmp.scenes import of_pieces
 from modlhmp.settings import unknown
 from modlhmp.splits import in_part, in_split, only_of
 from modlhmp.storage import DataError
-from modlhmp.time_step import interpolate
-from modlhmp.tracks import LEAST_JUMP_S, Tracks, laid_out, usual_step, whole_ids
+from modlhmp.time_step import interpolate, jumped
+from modlhmp.tracks import Tracks, concatenate, laid_out, usual_step, whole_ids
 
 # Reasons for which readers drop a row that should have been somebody's position at a time.
 FAULTS = ("text_value", "nan_value", "infinite_value", "absurd_value", "wrong_column_count", "no_track_id")
@@ -128,21 +128,23 @@ def _pieces(known, form):
 def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Account) -> Tracks:
     """Tracks in pieces, cut where they pause for more than `gap_s`, or go on faster than `jump_mps` (None: not there).
 
-    A displacement counts over at least `LEAST_JUMP_S`, so that a tracker's jitter is none. A piece has an id of its
-    own (`ids.id_of`), which depends on the owner's id and on how many pieces came before; cuts are counted.
+    They are also cut where a reader noted such rows, between which it left out others (`account.jumps`). A piece has an
+    id of its own (`ids.id_of`), which depends on the owner's id and on how many pieces came before; cuts are counted.
     """
     if not (gap_s or jump_mps):
         return tracks
     later = np.flatnonzero(np.diff(tracks.track_id) == 0) + 1
     seconds = tracks.t[later] - tracks.t[later - 1]
-    walked = np.hypot(tracks.x[later] - tracks.x[later - 1], tracks.y[later] - tracks.y[later - 1])
     paused = seconds > gap_s if gap_s else np.zeros(len(later), bool)
-    jumped = walked > jump_mps * np.maximum(seconds, LEAST_JUMP_S) if jump_mps else np.zeros(len(later), bool)
-    for name, where in (("cut_at_gap", paused), ("cut_at_jump", jumped & ~paused)):
+    other = np.zeros(len(tracks.t), bool)
+    if jump_mps:
+        other = jumped(tracks, jump_mps)
+        other[_rows_from(tracks, concatenate(account.jumps))] = True
+    for name, where in (("cut_at_gap", paused), ("cut_at_jump", other[later] & ~paused)):
         if where.any():
             account.notes[name] += int(where.sum())
             account.first_seen.setdefault(name, _place(tracks, later[np.argmax(where)], account))
-    cuts = later[paused | jumped]
+    cuts = later[paused | other[later]]
     if not len(cuts):
         return tracks
     starts = np.union1d(tracks.bounds()[:-1], cuts)
@@ -156,6 +158,15 @@ def cut(tracks: Tracks, gap_s: float | None, jump_mps: float | None, account: Ac
     account.tracks_read += len(cuts)
     pieces = tracks._replace(track_id=np.repeat(ids, np.diff([*starts, len(tracks.t)])))
     return pieces.take(np.lexsort((pieces.t, pieces.track_id)))
+
+
+def _rows_from(tracks, noted):
+    """The first row of a track at or after each of the `noted` ones, as indices; none where a track has no such row."""
+    both = concatenate([noted, tracks])
+    is_row = np.lexsort((both.t, both.track_id)) >= len(noted.t)  # stable: a noted row is before that of its time
+    place = np.minimum(np.cumsum(is_row)[~is_row], len(tracks.t) - 1)
+    ids = np.sort(noted.track_id)
+    return place[tracks.track_id[place] == ids]
 
 
 def _remedy(form, usual, account):

@@ -10,7 +10,7 @@ import numpy as np
 from modlhmp.account import Account
 from modlhmp.kernels import kernel
 from modlhmp.storage import DataError
-from modlhmp.tracks import LATE_STEPS, Tracks, gap_limit, laid_out
+from modlhmp.tracks import LATE_STEPS, LEAST_JUMP_S, Tracks, gap_limit, laid_out
 
 HERE, NEW, GONE = range(3)  # whether somebody can be forecast at a moment
 ROUNDING_S = 1e-6  # a double holds unix times to 2.4e-7 s
@@ -34,6 +34,17 @@ def positions_alone(
     account.drop_rows("outside_day", outside.sum())
     unknown = np.full(len(t), np.nan)
     return without_repeats(Tracks(track_id, t, x, y, unknown, unknown).take(~outside), account)
+
+
+def jumped(rows: Tracks, jump_mps: float) -> np.ndarray:
+    """Which rows, bool [n], nobody can have come to from the track's row before; `rows` are sorted by track and time.
+
+    A displacement counts over at least `LEAST_JUMP_S`, so that a tracker's jitter is none.
+    """
+    found = np.zeros(len(rows.t), bool)
+    walked, seconds = np.hypot(np.diff(rows.x), np.diff(rows.y)), np.maximum(np.diff(rows.t), LEAST_JUMP_S)
+    found[1:] = (np.diff(rows.track_id) == 0) & (walked > jump_mps * seconds)
+    return found
 
 
 def last_of_step(rows: Tracks, step_s: float, account: Account) -> Tracks:

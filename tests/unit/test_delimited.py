@@ -1,5 +1,6 @@
 """Delimited recordings: what was written is read back, and every row is kept or dropped under its name."""
 
+import dataclasses
 import itertools
 from collections import Counter
 from functools import partial
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from modlhmp.cleaning import clean_recording
-from modlhmp.file_format import Columns, FileFormat
+from modlhmp.file_format import Columns, FileFormat, Recording
 from modlhmp.ids import id_of
 from modlhmp.readers import atc, columns, delimited, raw, read_recording
 from modlhmp.readers.numerals import number
@@ -620,6 +621,29 @@ def test_a_start_that_is_not_one_moment_is_named_with_its_file(write):
         read_recording(path, form, "2026-10-25", "02:30")
     assert f"{path}: start '02:30': 2026-10-25 02:30:00 in Europe/Berlin exists twice" in str(error.value)
     assert len(read_recording(path, form, "2026-10-25", "02:30+01:00")[0].t) == 1
+
+
+@pytest.mark.parametrize("size", [200, 1 << 20])
+@pytest.mark.parametrize("by_time", [True, False])
+def test_an_id_that_jumps_is_cut_whether_or_not_the_file_says_how_fast_it_is(write, cut, size, by_time):
+    """12 m in 0.1 s, after which somebody goes on for a second or longer: at steps of 1 s both look like a walk."""
+    cut(size)
+    rows = [
+        (who, k / 10, 3.0 * who + 12 * (k >= 45 + who) * (who % 2), 0.13 * k) for who in range(6) for k in range(80)
+    ]
+    rows.sort(key=lambda row: row[1] if by_time else row[0])
+    path = write("id,t,x,y,v,h\n" + "".join(f"{who},{t},{x},{y:.2f},1.3,1.5708\n" for who, t, x, y in rows))
+    found = []
+    for moving in ({}, {"speed": "v", "heading": "h"}):
+        form = FileFormat(columns=Columns(**BY_NAME, **moving), header=True)
+        tracks, account = clean_recording(path, form, Recording())
+        assert account["notes"]["cut_at_jump"] == 3
+        found.append({int(who): tracks.t[tracks.track_id == who].min() for who in np.unique(tracks.track_id)})
+        assert all(np.ptp(tracks.x[tracks.track_id == who]) == 0 for who in found[-1])
+    assert found[0].keys() == found[1].keys(), "the pieces have the same ids"
+    assert all(abs(found[0][who] - found[1][who]) <= 1 for who in found[0])
+    still, _ = clean_recording(path, dataclasses.replace(form, max_jump_mps=None), Recording())
+    assert len(np.unique(still.track_id)) == 6
 
 
 def test_comments_and_aligned_columns(write):

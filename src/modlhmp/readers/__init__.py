@@ -60,7 +60,7 @@ def _read_table(path, form, limits, origin):
         plain = as_plain(form)
         keys = (
             *("header", "decimal", "thousands", "skip_lines", "units", "missing", "only", "without", "scale"),
-            *("frame_rate", "timezone", "homography", "origin_m", "min_heading_mps"),
+            *("frame_rate", "timezone", "homography", "origin_m", "min_heading_mps", "max_jump_mps"),
         )
         layout = {**{key: plain[key] for key in keys}, "columns": columns, "ids": "text"}
         layout["separator"] = None if form.reader == "text" else form.separator

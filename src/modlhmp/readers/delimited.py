@@ -20,8 +20,8 @@ from modlhmp.readers.columns import NO_ID, read_columns
 from modlhmp.readers.hints import hint, hint_of_units
 from modlhmp.readers.raw import People, line_blocks
 from modlhmp.storage import DataError
-from modlhmp.time_step import last_of_step, without_repeats
-from modlhmp.tracks import Tracks, concatenate
+from modlhmp.time_step import jumped, last_of_step, without_repeats
+from modlhmp.tracks import Tracks, concatenate, empty_tracks
 
 MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fault, not a walking person
 MAX_SPEED_MPS = 15.0
@@ -42,11 +42,12 @@ def read_delimited(
     `layout` holds `columns` (field -> position from 0, or name with `header: true`), `width` (columns per row, None:
     as the first row has), `ids` (`text`: any; else whole numbers), `separator` (None: blanks), `header`, `decimal`,
     `thousands`, `comment`, `skip_lines`, `units` (as `file_format.Units`), `missing`, `only`, `scale` [m/px],
-    `frame_rate` [1/s], `origin` (unix time of time 0), `timezone`, `homography`, `origin_m`, `min_heading_mps`. `day` =
-    (first, last) unix second of the recording's day; rows outside are dropped. With speed and heading columns the last
-    sample of each `step_s` is kept. Returns (Tracks, Account).
+    `frame_rate` [1/s], `origin` (unix time of time 0), `timezone`, `homography`, `origin_m`, `min_heading_mps`,
+    `max_jump_mps`. `day` = (first, last) unix second of the recording's day; rows outside are dropped. With speed and
+    heading columns the last sample of each `step_s` is kept, and jumps between rows are noted. Returns (Tracks,
+    Account).
     """
-    account, pieces = Account(), []
+    account, pieces, newest = Account(), [], empty_tracks()
     has_velocity = "speed" in layout["columns"]
     chosen = {f"{key}:{column}": (key, column) for key in ("only", "without") for column in layout.get(key) or {}}
     positions = {field: int(column) if column.isdecimal() else column for field, (_, column) in chosen.items()}
@@ -57,6 +58,8 @@ def read_delimited(
         rows = _to_si(values, layout)
         rows = _drop_bad_rows(path, rows, values["row"], has_velocity, day, layout, account)
         account.note_order(rows.track_id, rows.t)
+        if has_velocity and layout.get("max_jump_mps"):
+            newest = _note_jumps(newest, rows, layout["max_jump_mps"], step_s, account)
         pieces.append(last_of_step(rows, step_s, account) if has_velocity else rows)
     for field, (key, column) in chosen.items():
         _check_texts(path, key, column, layout[key][column], seen[field])
@@ -68,6 +71,16 @@ def read_delimited(
     if not len(rows.t):
         raise DataError(f"{path}: {_nothing_left(path, layout, chosen, seen, account)}")
     return rows, account
+
+
+def _note_jumps(newest, rows, jump_mps, step_s, account):
+    """Note the rows of a block to which ids jumped, at most one of a step; `newest` is each id's last row before it.
+
+    Returns each id's last row by now. Between steps such a jump would look like a walk.
+    """
+    rows = without_repeats(concatenate([newest, rows]), Account())  # the account counts them later
+    account.jumps.append(last_of_step(rows.take(jumped(rows, jump_mps)), step_s, Account()))
+    return rows.take(rows.bounds()[1:] - 1)
 
 
 def _nothing_left(path, layout, chosen, seen, account):
