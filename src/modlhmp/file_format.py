@@ -14,9 +14,9 @@ from modlhmp.tracks import gap_limit
 Column = WholeFrom0 | str
 # Checks of whether a recording can be what is said of it, `modlhmp.plausibility` and `modlhmp.split_checks`.
 CheckName = Literal[
-    "absurd_rows", "unreadable_rows", "walking_speed", "recorded_speed", "recorded_heading", "time_step", "outside_day",
-    "extent", "jumps", "glued_files", "not_measured", "repeated_rows", "shared_people", "copied_recording",
-    "untrained_place", "horizon", "hours",
+    "absurd_rows", "unreadable_rows", "walking_speed", "recorded_speed", "recorded_heading", "time_step",
+    "clock_digits", "outside_day", "extent", "jumps", "glued_files", "not_measured", "repeated_rows", "shared_people",
+    "copied_recording", "untrained_place", "horizon", "hours",
 ]  # fmt: skip
 LENGTH_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 _READER_NEEDS = {

@@ -211,6 +211,26 @@ def time_step(seen: Evidence) -> Told:
     return "warn", told, step_of(step)
 
 
+def clock_digits(seen: Evidence) -> Told:
+    """Clock times such as 090000.5 read as seconds: they skip 40 s after each minute, and 4000 s after each hour."""
+    t = seen.rows.t
+    apart = np.where(np.diff(seen.rows.track_id) == 0, np.diff(t), 0.0)
+    skips = np.unique(t[1:][(apart >= 40) & (apart <= 40 + 2 * seen.step_s)] // 100)
+    if len(skips) < LEAST_JUMPS or any(_widest_gap(t % cycle, cycle) < 0.4 * cycle for cycle in (100.0, 10_000.0)):
+        return None
+    told = (
+        f"no time is within the same 40 s of each 100 s, which people skip {len(skips)} times: are these clock times, "
+        "such as 090000 for 09:00:00?"
+    )
+    return "stop", told, "write them as 2026-03-02T09:00:00.5 (`units: {time: iso}`), or as seconds since midnight"
+
+
+def _widest_gap(values: np.ndarray, cycle: float) -> float:
+    """The widest part of a cycle without any of `values` (from 0 to `cycle`)."""
+    values = np.sort(values)
+    return float(np.diff(values, append=values[0] + cycle).max())
+
+
 def step_of(usual_s: float) -> str:
     """What to do about rows that are usually so far apart [s]."""
     if usual_s > MOST_STEP_S:
@@ -284,6 +304,8 @@ CHECKS = (
           "`units: {angle, heading}`, `columns`", recorded_heading),
     Check("time_step", "the usual time between two rows by the time step", "warns above 1.5", "`time_step_s`",
           time_step),
+    Check("clock_digits", "clock times such as 090000 for 09:00:00, read as seconds: 40 s are skipped at each minute",
+          "stops from the third", "`units: {time}`", clock_digits),
     Check("outside_day", "rows before or after the recording's day, which are dropped", "warns above 10 %",
           "`days`, `day`, `start`, `timezone`", outside_day),
     Check("extent", "size of the place, without the outermost 1 % of rows on each side; and of both axes",

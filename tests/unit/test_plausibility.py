@@ -12,6 +12,7 @@ from modlhmp import plausibility
 from modlhmp.account import Account
 from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import CheckName, Columns, FileFormat, Recording
+from modlhmp.inspection import inspect_file
 from modlhmp.plausibility import CHECKS, check_recording
 from modlhmp.readers import read_recording
 from modlhmp.settings import check
@@ -175,6 +176,28 @@ def test_rows_farther_apart_than_the_time_step(tmp_path):
     (found,) = findings(path, form(PLACES))
     assert (found.check, found.severity) == ("time_step", "warn")
     assert "time_step_s: 3" in found.remedy
+
+
+@pytest.mark.parametrize("step_s", [0.1, 0.5, 1.0, 2.0])
+@pytest.mark.parametrize("begin_s", [0, 8 * 3600 + 3000])
+def test_clock_times_as_one_number_are_not_seconds(tmp_path, step_s, begin_s):
+    """090000.5 for half a second after nine: each minute would begin 40 s late, each hour over an hour."""
+    table = people(number=24, rows=round(30 / step_s), step_s=step_s)
+    table[:, 1] = np.round(20 * table[:, 0] + begin_s + table[:, 1], 3)
+    seconds = findings(write(tmp_path / "s.csv", table, moving=False), form(PLACES))
+    assert "clock_digits" not in [one.check for one in seconds]
+    hours, minutes, seconds = table[:, 1] // 3600, table[:, 1] % 3600 // 60, table[:, 1] % 60
+    table[:, 1] = 10_000 * hours + 100 * minutes + seconds
+    path = write(tmp_path / "a.csv", table, moving=False)
+    with pytest.raises(DataError, match=r"clock_digits: .*090000 for 09:00:00.*`units: \{time: iso\}`"):
+        modlhmp.read_tracks(path, columns=PLACES)
+    assert "clock_digits" in [one.check for _, one in inspect_file(path).findings]
+
+
+def test_a_recorder_that_paused_once_has_no_clock_times(tmp_path):
+    table = people(number=12, rows=60)
+    table[table[:, 1] >= 45, 1] += 40
+    assert "clock_digits" not in [one.check for one in findings(write(tmp_path / "a.csv", table), form())]
 
 
 @pytest.mark.parametrize(("apart_s", "said"), [(7, "`time_step_s: 7`"), (61, "every 60 s"), (128, "every 60 s")])
