@@ -391,7 +391,21 @@ def test_a_density_sums_to_one_around_where_they_may_be(maps):
     refused("bandwidth_m nan: a size", futures.density, 4, 0.5, bandwidth_m=float("nan"))
     refused("give larger ones", futures.density, 4, 1e-9)
     refused("there are 80", futures.density, 4, 0.5, walker=80)
-    refused("none of", futures.density, 4, 0.5, extent=(500, 510, 0, 5))
+
+
+def test_a_density_of_a_box_holds_the_share_that_is_in_it(maps):
+    """And of one that nobody reaches, nothing."""
+    futures = modlhmp.forecast(maps["snippets"], seen(PEOPLE), k=100)
+    x = futures.paths[5, futures.alive[5, :, 3], 3, 0]
+    middle = np.floor(10 * np.median(x)) / 10
+    assert 0 < (x < middle).mean() < 1
+    low, high = (futures.density(4, 0.1, 5, extent=(*sides, -20, 20)) for sides in ((-40, middle), (middle, 40)))
+    assert low.probabilities.sum() == pytest.approx((x < middle).mean())
+    assert low.probabilities.sum() + high.probabilities.sum() == pytest.approx(1)
+    nobody = futures.density(4, 0.5, extent=(500, 510, 0, 5.2))
+    assert nobody.probabilities.shape == (11, 20)
+    assert nobody.probabilities.sum() == 0
+    assert nobody.extent == (500, 510, 0, 5.5)
 
 
 def test_constant_velocity_needs_no_map():
