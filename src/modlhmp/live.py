@@ -115,7 +115,7 @@ class Live:
         self.counts = dict.fromkeys(COUNTED, 0)
         self.present = {"here": 0, "new": 0, "gone": 0}
         self.who: dict[int, Any] = {}
-        self.now = -math.inf
+        self.now, self._told_unfit = -math.inf, False
         self._gap_s = gap_limit(site.time_step_s)
         # What a forecast at most a step before now may need: the grid, and a row before its beginning.
         self._kept_s = site.observed_rows * site.time_step_s + self._gap_s
@@ -206,7 +206,11 @@ class Live:
         if n:
             parts = (part.reshape(n, rows) for part in seen[1:])
             nobody_near = np.empty((n, 0, rows, 2))
-            return self._predictor.futures(Observed(seen.track_id[::rows], *parts, nobody_near))  # type: ignore[call-arg]
+            futures = self._predictor.futures(Observed(seen.track_id[::rows], *parts, nobody_near))  # type: ignore[call-arg]
+            if not self._told_unfit and (why := self._predictor.unfit(futures)):
+                self._told_unfit = True
+                logging.getLogger("modlhmp").warning("Live: %s; told once", why)
+            return futures
         steps, none = self._predictor.steps, np.empty(0)
         nobody = Forecast(
             np.empty((0, 1, steps, 2), np.float32),
