@@ -226,7 +226,6 @@ class Live:
         self._learn_if_due(self.now)
         if self._learner and self._used != self._wanted:
             self._predictor, self._used = predictor(learned(self._learner.kept), **self._asked), self._wanted
-        self.counts["forecasts"] += 1
         people = [person for person in self._people.values() if len(person.rows[0])]
         seen, state = ending_at(_tracks_of(people), t0, self.site.time_step_s, self.site.observed_rows)
         number = np.bincount(state, minlength=3)
@@ -234,22 +233,27 @@ class Live:
         here = [people[one] for one in np.flatnonzero(state == HERE)]
         self.who = {person.track_id: person.given for person in here}
         n, rows = len(here), self.site.observed_rows
-        if n:
-            parts = (part.reshape(n, rows) for part in seen[1:])
-            nobody_near = np.empty((n, 0, rows, 2))
-            futures = self._predictor.futures(Observed(seen.track_id[::rows], *parts, nobody_near))  # type: ignore[call-arg]
-            if not self._told_unfit and (why := self._predictor.unfit(futures)):
-                self._told_unfit = True
-                logging.getLogger("modlhmp").warning("Live: %s; told once", why)
-            return futures
+        observed = Observed(  # of whom nobody is near
+            seen.track_id[::rows],
+            *(part.reshape(n, rows) for part in seen[1:]),
+            np.empty((n, 0, rows, 2)),  # type: ignore[call-arg]
+        )
+        futures = self._predictor.futures(observed) if n else self._nobody()
+        self.counts["forecasts"] += 1
+        if not self._told_unfit and (why := self._predictor.unfit(futures)):
+            self._told_unfit = True
+            logging.getLogger("modlhmp").warning("Live: %s; told once", why)
+        return futures
+
+    def _nobody(self):
         steps, none = self._predictor.steps, np.empty(0)
-        nobody = Forecast(
+        forecast = Forecast(
             np.empty((0, 1, steps, 2), np.float32),
             np.empty((0, 1, steps), np.float32),
             np.empty((0, 1), np.int32),
             "single",
         )
-        return Futures(none.astype(np.int64), none, np.empty((0, 2)), nobody, self.site)
+        return Futures(none.astype(np.int64), none, np.empty((0, 2)), forecast, self.site)
 
     @property
     def learns(self) -> bool:

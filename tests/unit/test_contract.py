@@ -16,6 +16,7 @@ from modlhmp import api, contract, kinds
 from modlhmp.contract import check_kind
 from modlhmp.forecasting.base import Forecast
 from modlhmp.kinds import BUILT_IN, Kind
+from modlhmp.live import Live
 from modlhmp.maps.base import read_map
 from modlhmp.options import RollOut
 from modlhmp.settings import option
@@ -368,6 +369,30 @@ def test_what_a_predictor_does_to_its_arguments_changes_nothing(registered):
     futures = api.forecast("mine", crowd, 8)
     np.testing.assert_array_equal(futures.start, api.forecast("cvm", crowd, 8).start)
     check_kind(made(changing_what_it_is_given))
+
+
+def test_an_exception_of_its_own_code_comes_through_and_leaves_live_as_it_was(registered):
+    fails = []
+
+    def forecast(observed, steps, keys):
+        return straight(observed, steps) if not fails else fails[0]["cell"]
+
+    registered(mine=made(forecast))
+    one, other = (walked_by("mine") for _ in range(2))
+    fails.append({})
+    with pytest.raises(KeyError, match="cell"):
+        one.forecast()
+    fails.clear()
+    np.testing.assert_array_equal(one.forecast().paths, other.forecast().paths)
+    assert (one.counts, one.present, one.who) == (other.counts, other.present, other.who)
+
+
+def walked_by(kind):
+    """A `Live` that somebody walks before."""
+    live = Live(kind, 5, site=contract.SITE)
+    for t in range(5):
+        live.see(1.3e9 + t, "ann", 1.2 * t, 0.0)
+    return live
 
 
 def sampled_kind(sample, draws=1):
