@@ -1,5 +1,6 @@
 """The library's front door: read tracks, build and load maps, forecast, score. Every name here is one of `modlhmp`."""
 
+import functools
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,14 +25,14 @@ from modlhmp.arguments import (
     uses_recorded,
 )
 from modlhmp.cleaning import check_rules, clean_recording, tell_of_faults
-from modlhmp.exchange.maps import imported, read_tables, write_tables
+from modlhmp.exchange.maps import read_tables, write_tables
 from modlhmp.exchange.parquet import PARQUET, is_parquet, read_ours
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.forecasting.base import Forecaster
 from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures, Scores, whole_steps
 from modlhmp.kinds import find
-from modlhmp.maps.base import DAY, check_frame, hour_files
+from modlhmp.maps.base import DAY, box_of, check_box, hour_files
 from modlhmp.methods import build_map as build_tables
 from modlhmp.methods import forecaster_of, model_of
 from modlhmp.scoring.protocols import PROTOCOLS
@@ -40,7 +41,7 @@ from modlhmp.settings import as_plain, check, unknown
 from modlhmp.site import Site
 from modlhmp.storage import DataError, boundary, write_parquet
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import Tracks
+from modlhmp.tracks import Tracks, clock_hours
 from modlhmp.tracks import read_tracks as read_clean_tracks
 
 KEY = ("modlhmp", "forecast", "")  # takes the place of (dataset, method, recording) in the random numbers
@@ -256,9 +257,10 @@ def forecast(
         site = checked_site("history", tracks_of(history), site)
     asked = predictor(by, horizon_s, seed, k=k, key=key, exits=exits, site=site, **options)
     observed = last_rows(history, asked.site, uses_recorded(asked.options, asked.site))
-    if isinstance(by, Map):
-        _warn_of_frame(by, observed)
-    return asked.futures(observed)
+    futures = asked.futures(observed)
+    if why := asked.unfit(futures):
+        logging.getLogger("modlhmp").warning("forecast: %s", why)
+    return futures
 
 
 @dataclass(frozen=True)
@@ -273,6 +275,7 @@ class Predictor:
     steps: int
     names: tuple[object, ...]
     ask: Forecaster
+    a_map: Map | None = None
 
     def futures(self, observed: Observed) -> Futures:
         """The futures of who is observed."""
@@ -282,6 +285,31 @@ class Predictor:
         found = self.ask(observed, self.steps, stream_keys(observed.track_id, k, *self.names))
         start = np.column_stack([observed.x[:, -1], observed.y[:, -1]])
         return Futures(observed.track_id, observed.t[:, -1], start, found, self.site)
+
+    def unfit(self, futures: Futures) -> str:
+        """Why the map knows nobody of these futures: it is of other hours or of another place; "" if neither."""
+        if self.a_map is None or not len(futures.t0) or futures.known.any():
+            return ""
+        hours, zone = self.a_map.hours, self.site.timezone
+        asked = np.unique(clock_hours(futures.t0, zone)).tolist()
+        by_hours = find(self.a_map.kind).hourly and getattr(self.options, "without_map", "stop") == "stop"
+        if by_hours and not hours.keys() & set(asked):
+            of, theirs = (", ".join(map(str, sorted(one))) for one in (hours, asked))
+            remedy = "" if self.a_map.whole is None else '; without_map="whole_day" uses the map of the whole day'
+            return (
+                f"it knows nobody: the map is of the hours {of or '(none)'}, and all walkers are of {theirs} ({zone}): "
+                f"another time zone?{remedy}"
+            )
+        try:
+            check_box("it knows nobody", self._box, futures.start)
+        except DataError as error:
+            return str(error)
+        return ""
+
+    @functools.cached_property
+    def _box(self) -> np.ndarray | None:
+        tables = [] if self.a_map is None else [self.a_map.whole, *self.a_map.hours.values()]
+        return box_of([table for table in tables if table is not None])
 
 
 def predictor(
@@ -316,18 +344,7 @@ def predictor(
         raise DataError(f"k {chosen.k}: one walker has {chosen.k * steps:.2g} future positions; ask for fewer")
     model = by.model(chosen) if isinstance(by, Map) else None
     ask = forecaster_of(record, model, site, chosen, ways_out)
-    return Predictor(site, chosen, steps, (int(seed), *key), ask)
-
-
-def _warn_of_frame(a_map: Map, observed: Observed) -> None:
-    """Warn where nobody is near a map that came from elsewhere: it may have another origin."""
-    tables = [*([] if a_map.whole is None else [a_map.whole]), *a_map.hours.values()]
-    if not any(map(imported, tables)):
-        return
-    try:
-        check_frame("forecast", tables, observed.x[:, -1], observed.y[:, -1])
-    except DataError as error:
-        logging.getLogger("modlhmp").warning("%s", error)
+    return Predictor(site, chosen, steps, (int(seed), *key), ask, by if isinstance(by, Map) else None)
 
 
 def score(futures: Futures, truth: Tracks | np.ndarray, protocol: str = "complete") -> Scores:

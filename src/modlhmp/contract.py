@@ -18,6 +18,7 @@ import pyarrow as pa
 
 from modlhmp.api import build_map, load_map
 from modlhmp.forecasting.base import Forecast, Forecaster
+from modlhmp.forecasting.checked import fault
 from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import usable, windows
@@ -25,11 +26,11 @@ from modlhmp.kinds import Kind, all_kinds
 from modlhmp.methods import forecaster_of
 from modlhmp.settings import check, fields_of
 from modlhmp.site import Site
+from modlhmp.storage import DataError
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks
 
 STEPS, FUTURES = 8, 3
-OUTPUTS = ("ranked", "median", "medoid", "modes", "mean", "single")
 SITE = Site(timezone="Europe/London", hours=(7, 9), horizon_s=STEPS)
 
 
@@ -70,8 +71,11 @@ def check_kind(kind: Kind, tracks: Tracks | None = None, site: Site = SITE, **op
         model = a_map.model(chosen)
         exits = build_map_of_exits(tracks, site) if kind.sampled and chosen.exits else None
     forecaster = forecaster_of(kind, model, site, chosen, exits)
-    check_forecaster(forecaster, tracks, site, kind.random)
-    check_blind(forecaster, meeting, site, FUTURES)
+    try:
+        check_forecaster(forecaster, tracks, site, kind.random)
+        check_blind(forecaster, meeting, site, FUTURES)
+    except DataError as error:  # what whoever uses it would be told
+        raise AssertionError(str(error)) from None
     if a_map is None:
         return None
     with TemporaryDirectory() as folder:
@@ -146,26 +150,20 @@ def check_blind(forecaster: Forecaster, tracks: Tracks, site: Site, k: int, lear
 
 def check_forecast(forecast: Forecast, observed: Observed, steps: int) -> None:
     """The form of a `Forecast` of these walkers."""
-    n, k = forecast.xy.shape[:2]
-    assert forecast.output in OUTPUTS, f"output {forecast.output!r} is none of {', '.join(OUTPUTS)}"
-    assert forecast.xy.shape == (n, k, steps, 2) and n == len(observed.track_id), (
-        f"xy has the shape {forecast.xy.shape}"
-    )
-    assert forecast.xy.dtype == np.float32, f"xy is {forecast.xy.dtype}, float32 is stored"
-    assert np.isfinite(forecast.xy).all(), "a position is not a number; hold a future that stops at its last one"
-    assert forecast.log_fitness.shape == (n, k, steps), f"log_fitness has the shape {forecast.log_fitness.shape}"
-    assert forecast.steps_alive.shape == (n, k), f"steps_alive has the shape {forecast.steps_alive.shape}"
-    lived = forecast.steps_alive
-    assert ((lived >= 0) & (lived <= steps)).all(), f"steps_alive runs from {lived.min()} to {lived.max()} of {steps}"
+    found = fault(forecast, len(observed.track_id), steps)
+    assert not found, found
+    n, k, lived = *forecast.xy.shape[:2], forecast.steps_alive
+    assert not np.isneginf(forecast.log_fitness).all(), "log_fitness is -inf of all futures, which ranks none"
     if forecast.output == "modes":
         total = np.exp(forecast.results.log_fitness).sum(axis=1)
         assert np.allclose(total, 1, atol=1e-4), "the log fitness of the first futures is no log of probabilities"
-    if forecast.output == "ranked":
-        start = np.column_stack([observed.x[:, -1], observed.y[:, -1]]).astype(np.float32)
-        before = np.concatenate([np.broadcast_to(start[:, None, None], (n, k, 1, 2)), forecast.xy], axis=2)
-        held = np.arange(steps)[None, None] >= lived[..., None]
-        moved = (before[:, :, 1:] != before[:, :, :-1]).any(axis=-1) & held
-        assert not moved.any(), "a future that has stopped moves; hold it at its last alive position"
+    start = np.column_stack([observed.x[:, -1], observed.y[:, -1]]).astype(np.float32)
+    before = np.concatenate([np.broadcast_to(start[:, None, None], (n, k, 1, 2)), forecast.xy], axis=2)
+    held = np.arange(steps)[None, None] >= lived[..., None]
+    if forecast.output != "ranked":  # whom a map does not know, others may let walk on
+        held &= lived[..., None] > 0
+    moved = (before[:, :, 1:] != before[:, :, :-1]).any(axis=-1) & held
+    assert not moved.any(), "a future that has stopped moves; hold it at its last alive position"
 
 
 def check_network(kind: Kind, options: Any, tracks: Tracks, site: Site) -> Forecaster:

@@ -30,7 +30,10 @@ def whole_steps(name: str, value_s: Any, site: Site, longest_s: float) -> int:
 
 
 class Density(NamedTuple):
-    """Probabilities [rows, columns] that sum to 1, row 0 below; `extent` = (x low, x high, y low, y high) [m]."""
+    """Probabilities [rows, columns], row 0 below, that sum to that of being in `extent` at all.
+
+    `extent` = (x low, x high, y low, y high) in m.
+    """
 
     probabilities: np.ndarray
     extent: tuple[float, float, float, float]
@@ -114,9 +117,10 @@ class Futures:
 
         Each future that is still under way then (where none is, all at their last positions) is spread as a Gaussian of
         `bandwidth_m` (default: one cell). `extent` = (x low, x high, y low, y high) in m; by default the grid holds all
-        of them. `DataError` for a moment that was not forecast or a walker that there is not.
+        of them, and probabilities sum to 1. Those of a box sum to the share of these futures that are in it.
+        `DataError` for a moment that was not forecast or a walker that there is not.
         """
-        from modlhmp.forecasting.density import density  # noqa: PLC0415 - scipy's images, which few need
+        from modlhmp.forecasting.density import density, edges_of  # noqa: PLC0415 - scipy's images, which few need
 
         step = self._step(at_s)
         if not isinstance(walker, Integral) or isinstance(walker, bool) or not 0 <= walker < len(self.track_id):
@@ -137,13 +141,10 @@ class Futures:
             raise DataError(f"extent {extent!r}: give (x low, x high, y low, y high) in m")
         if (cells := (extent[1] - extent[0]) * (extent[3] - extent[2]) / cell_m**2) > MOST_CELLS:
             raise DataError(f"cell_m {cell_m}: the density would have {cells:.2g} cells; give larger ones")
-        try:
-            found = density(positions, extent, cell_m, spread)
-            rows, columns = found.shape  # whole cells, which may reach beyond what was asked for
-            covered = (extent[0], extent[0] + columns * cell_m, extent[2], extent[2] + rows * cell_m)
-            return Density(found, covered)
-        except ValueError as error:
-            raise DataError(f"extent {extent}: {error}") from None
+        y, x = edges_of(extent, cell_m)  # of whole cells, which may reach beyond what was asked for
+        inside = ((positions >= (x[0], y[0])) & (positions <= (x[-1], y[-1]))).all(axis=1).mean()
+        found = inside * density(positions, extent, cell_m, spread) if inside else np.zeros((len(y) - 1, len(x) - 1))
+        return Density(found, (float(x[0]), float(x[-1]), float(y[0]), float(y[-1])))
 
     def left(self, at_s: float) -> np.ndarray:
         """Probability [n] that each walker has left by then: the share of the futures that have ended.

@@ -18,6 +18,7 @@ from modlhmp.storage import DataError
 GROUP = "modlhmp.kinds"
 NOT_INSTALLED = "is the package that adds it installed?"
 NETWORK_FORECASTS = "modlhmp.networks.forecaster"
+ROLL_OUT = "modlhmp.forecasting.rollout"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +104,7 @@ class Kind:
 def _sampled(name: str, title: str, module: str, building: type, **rest: object) -> Kind:
     return Kind(
         name=name, title=title, module=module, building=building, options=options.RollOut,
-        forecasts="modlhmp.forecasting.rollout", section="rollout", density=True,
+        forecasts=ROLL_OUT, section="rollout", density=True,
         **{"published": True, **rest},  # type: ignore[arg-type]
     )  # fmt: skip
 

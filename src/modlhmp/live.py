@@ -22,6 +22,7 @@ from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures
 from modlhmp.ids import NOBODY, id_of
 from modlhmp.kinds import find
+from modlhmp.live_clock import Clock, Row
 from modlhmp.live_map import Learner, learned
 from modlhmp.settings import as_plain, fields_of
 from modlhmp.storage import DataError, column
@@ -31,11 +32,10 @@ from modlhmp.updates import UpdatedMap
 
 MOST_PEOPLE = 1000
 MOST_ROWS = 1024  # of a person; 9 s at 100 Hz are fewer
-MOST_LATE = 10  # rows in succession that come from long ago: then the clock has been set back
 JUMP_MPS = 15.0  # faster is somebody else, as in a recording (`max_jump_mps`)
 FARTHEST_M = 1e7  # of a position; one beyond is no position in m
 COUNTED = (
-    "taken", "bad", "late", "repeated", "out_of_order", "thinned", "turned_away", "cut_at_gap", "cut_at_jump",
+    "taken", "bad", "late", "ahead", "repeated", "out_of_order", "thinned", "turned_away", "cut_at_gap", "cut_at_jump",
     "clock_set_back", "forecasts",
 )  # fmt: skip
 
@@ -115,60 +115,86 @@ class Live:
         self.counts = dict.fromkeys(COUNTED, 0)
         self.present = {"here": 0, "new": 0, "gone": 0}
         self.who: dict[int, Any] = {}
-        self.now = -math.inf
+        self._told_ahead = self._told_unfit = False
         self._gap_s = gap_limit(site.time_step_s)
         # What a forecast at most a step before now may need: the grid, and a row before its beginning.
         self._kept_s = site.observed_rows * site.time_step_s + self._gap_s
-        self._most_people, self._late, self._swept = int(most_people), 0, -math.inf
+        # Who is alone waits for no longer than for a first forecast.
+        self.clock = Clock(self._kept_s, self._gap_s, (site.observed_rows - 1) * site.time_step_s)
+        self._most_people, self._swept = int(most_people), -math.inf
         self._people: dict[str, _Person] = {}
 
+    @property
+    def now(self) -> float:
+        """The time of the newest row [unix s], but for those from far ahead (`ahead` in `counts`)."""
+        return self.clock.now
+
     def see(self, t: float, who: int | str, x: float, y: float) -> str:
-        """Take a row: somebody was at (x, y) [m] at t [unix s]; returns "", or why it was not taken, as in `counts`."""
-        why = "" if is_row(t, who, x, y) else "bad"
-        why = why or self._pass(float(t)) or self._take(float(t), who, float(x), float(y))
-        if self._learner and not why:
-            self._learner.see(float(t), who, float(x), float(y))
-        self.counts[why or "taken"] += 1
-        return why
+        """Take a row: somebody was at (x, y) [m] at t [unix s]; returns "", or why it was not taken, as in `counts`.
+
+        A row from far ahead waits: that is "", and counted as `ahead` unless it is taken later.
+        """
+        if is_row(t, who, x, y):
+            return self._enter((float(t), who, float(x), float(y)))
+        self.counts["bad"] += 1
+        return "bad"
 
     def pass_time(self, t: float) -> str:
         """It is t [unix s] now, whether anybody is seen or not; returns "", or why that is not so, as `see` does."""
-        why = self._pass(float(t)) if is_row(t, 0, 0.0, 0.0) else "bad"
-        if why:
-            self.counts[why] += 1
-        return why
+        if is_row(t, 0, 0.0, 0.0):
+            return self._enter((float(t), None, 0.0, 0.0))
+        self.counts["bad"] += 1
+        return "bad"
 
-    def _pass(self, t):
-        """Let time go on to t, or back where everything comes from long ago."""
-        if t < self.now - self._kept_s:
-            self._late += 1
-            if self._late < MOST_LATE:
-                return "late"
+    def _enter(self, row: Row) -> str:
+        """Let time go on, or back, with a row, and take what it decides; returns why the row is not taken, if not."""
+        before, turns = self.now, self.clock.set_back
+        decided = self.clock.tell(row)
+        if self.clock.set_back > turns:
             self.counts["clock_set_back"] += 1
             if self._learner:
-                self._learn(self._learner)
+                self._learn(self._learner, before)
                 self._learner.forget(math.inf)
             self._people.clear()
-            self.now = self._swept = -math.inf
-        self._late = 0
-        if t > self.now:
-            self._learn_if_due()
-            self.now = t
-            if t - self._swept >= self._gap_s:
-                self._sweep()
-        return ""
+            before = self._swept = -math.inf
+        if self.now - self._swept >= self._gap_s:
+            self._sweep()
+        waits, why = not decided or decided[-1][1] is not row, ""
+        self.counts["ahead"] += waits
+        for refused, one in decided:
+            if not refused and one[0] > before:
+                self._learn_if_due(before)
+                before = one[0]
+            why = refused or self._take(*one)
+            if refused and one is not row:  # it has waited, and is counted
+                self._tell_of_ahead(*one[:2])
+                continue
+            self.counts["ahead"] -= one is not row
+            if why or one[1] is not None:
+                self.counts[why or "taken"] += 1
+        return "" if waits else why
 
-    def _learn_if_due(self):
+    def _tell_of_ahead(self, t, who):
+        if not self._told_ahead:
+            self._told_ahead = True
+            logging.getLogger("modlhmp").warning(
+                "Live: a row of %r is %.4g s ahead of everybody else: such rows are left out, and counted as `ahead`",
+                who, t - self.now,
+            )  # fmt: skip
+
+    def _learn_if_due(self, now):
         """Tell the map of what has been seen once an hour is over, whether anybody asks for forecasts or not."""
-        if self._learner and self._learner.due(self.now):
-            self._learn(self._learner)
+        if self._learner and self._learner.due(now):
+            self._learn(self._learner, now)
 
-    def _learn(self, learner):
-        learner.learn(self.now)
+    def _learn(self, learner, now):
+        learner.learn(now)
         self._wanted = learner.version
 
     def _take(self, t, who, x, y):
         """Give a row to its person; returns why not, if not."""
+        if who is None:
+            return ""
         text = str(who)
         person = self._people.get(text)
         if person is None:
@@ -177,7 +203,10 @@ class Live:
             if len(self._people) >= self._most_people:
                 return "turned_away"
             person = self._people[text] = _Person(who, text)
-        return self._add(person, t, x, y)
+        why = self._add(person, t, x, y)
+        if self._learner and not why:
+            self._learner.see(t, who, x, y)
+        return why
 
     def forecast(self, t0: float | None = None) -> Futures:
         """The futures of everyone who is there at `t0` (unix s; default: `now`), in the order in which they came.
@@ -192,10 +221,11 @@ class Live:
                 f"Live.forecast: t0 {t0:.3f} is {self.now - t0:.3g} s before the newest row; what a forecast needs is "
                 f"kept for one time step, {self.site.time_step_s:g} s"
             )
-        self._learn_if_due()
+        if due := [one for one in self.clock.waiting if one[0] <= t0]:  # who asks says that it is that late
+            self._enter((due[-1][0], None, 0.0, 0.0))
+        self._learn_if_due(self.now)
         if self._learner and self._used != self._wanted:
             self._predictor, self._used = predictor(learned(self._learner.kept), **self._asked), self._wanted
-        self.counts["forecasts"] += 1
         people = [person for person in self._people.values() if len(person.rows[0])]
         seen, state = ending_at(_tracks_of(people), t0, self.site.time_step_s, self.site.observed_rows)
         number = np.bincount(state, minlength=3)
@@ -203,18 +233,27 @@ class Live:
         here = [people[one] for one in np.flatnonzero(state == HERE)]
         self.who = {person.track_id: person.given for person in here}
         n, rows = len(here), self.site.observed_rows
-        if n:
-            parts = (part.reshape(n, rows) for part in seen[1:])
-            nobody_near = np.empty((n, 0, rows, 2))
-            return self._predictor.futures(Observed(seen.track_id[::rows], *parts, nobody_near))  # type: ignore[call-arg]
+        observed = Observed(  # of whom nobody is near
+            seen.track_id[::rows],
+            *(part.reshape(n, rows) for part in seen[1:]),
+            np.empty((n, 0, rows, 2)),  # type: ignore[call-arg]
+        )
+        futures = self._predictor.futures(observed) if n else self._nobody()
+        self.counts["forecasts"] += 1
+        if not self._told_unfit and (why := self._predictor.unfit(futures)):
+            self._told_unfit = True
+            logging.getLogger("modlhmp").warning("Live: %s; told once", why)
+        return futures
+
+    def _nobody(self):
         steps, none = self._predictor.steps, np.empty(0)
-        nobody = Forecast(
+        forecast = Forecast(
             np.empty((0, 1, steps, 2), np.float32),
             np.empty((0, 1, steps), np.float32),
             np.empty((0, 1), np.int32),
             "single",
         )
-        return Futures(none.astype(np.int64), none, np.empty((0, 2)), nobody, self.site)
+        return Futures(none.astype(np.int64), none, np.empty((0, 2)), forecast, self.site)
 
     @property
     def learns(self) -> bool:

@@ -20,10 +20,10 @@ from modlhmp.arguments import LATEST_S
 from modlhmp.forecasting.occupancy import Occupancy, counted_steps
 from modlhmp.futures import Futures
 from modlhmp.live import FARTHEST_M, Live, is_row
+from modlhmp.live_clock import Clock, Row
 
 MOST_BYTES = 65_536  # of a line
 LEAST_SHOWN = 0.01  # probability of a cell
-Row = tuple[float, Any, float, float]
 
 
 def batches(source: int) -> Iterator[list[bytes]]:
@@ -119,9 +119,9 @@ def forecasts(
                 problem(number, line, row)
             else:
                 rows.append(row)
-        chosen = _last_due(rows, copy.copy(moments)) if latest else None
+        chosen = _last_due(rows, copy.copy(moments), copy.copy(live.clock)) if latest else None
         for place, (t, who, x, y) in enumerate(rows):
-            moment = moments.passed(t, reached=who is None)
+            moment = None if live.clock.waits((t, who, x, y)) else moments.passed(t, reached=who is None)
             if moment is not None and chosen in (None, place):
                 yield moment, live.forecast(moment)
             turns = live.counts["clock_set_back"]
@@ -136,10 +136,14 @@ def forecasts(
         yield moment, live.forecast(moment)
 
 
-def _last_due(rows: Sequence[Row], moments: Moments) -> int:
+def _last_due(rows: Sequence[Row], moments: Moments, clock: Clock) -> int:
     """Place of the last row that a moment has come with; -1 where there is none."""
-    due = [place for place, row in enumerate(rows) if moments.passed(row[0], reached=row[1] is None) is not None]
-    return due[-1] if due else -1
+    last = -1
+    for place, row in enumerate(rows):
+        if not clock.waits(row) and moments.passed(row[0], reached=row[1] is None) is not None:
+            last = place
+        clock.tell(row)
+    return last
 
 
 def text_of(

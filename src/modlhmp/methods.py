@@ -10,7 +10,8 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.forecasting.base import Forecaster
-from modlhmp.kinds import Kind, find
+from modlhmp.forecasting.checked import CheckedMap, checked
+from modlhmp.kinds import BUILT_IN, ROLL_OUT, Kind, find
 from modlhmp.maps.base import DAY, HourlyMod, hour_files
 from modlhmp.maps.exits import with_exits
 from modlhmp.options import Learning
@@ -122,9 +123,16 @@ def make_forecaster(
 def forecaster_of(
     record: Kind, model: Any, site: Site, options: Any, exits: str | Path | pa.Table | None = None
 ) -> Forecaster:
-    """The forecaster of a kind with its loaded map or network, None for a kind that has neither."""
+    """The forecaster of a kind with its loaded map or network, None for a kind that has neither.
+
+    What another package's kind returns is checked whenever it is asked.
+    """
+    ours = record in BUILT_IN
+    if not ours and record.forecasts == ROLL_OUT:
+        model = CheckedMap(model, record.name)
     if record.sampled and options.exits:
         if exits is None:
             raise DataError(f"{record.name} with exits: true needs the ways out: give a map of kind `exits`")
         model = with_exits(model, exits, site)
-    return import_module(str(record.forecasts)).forecaster(model, site, options)
+    ask = import_module(str(record.forecasts)).forecaster(model, site, options)
+    return ask if ours else checked(ask, record.name)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 
@@ -402,7 +403,59 @@ def test_a_density_sums_to_one_around_where_they_may_be(maps):
     refused("bandwidth_m nan: a size", futures.density, 4, 0.5, bandwidth_m=float("nan"))
     refused("give larger ones", futures.density, 4, 1e-9)
     refused("there are 80", futures.density, 4, 0.5, walker=80)
-    refused("none of", futures.density, 4, 0.5, extent=(500, 510, 0, 5))
+
+
+def test_a_density_of_a_box_holds_the_share_that_is_in_it(maps):
+    """And of one that nobody reaches, nothing."""
+    futures = modlhmp.forecast(maps["snippets"], seen(PEOPLE), k=100)
+    x = futures.paths[5, futures.alive[5, :, 3], 3, 0]
+    middle = np.floor(10 * np.median(x)) / 10
+    assert 0 < (x < middle).mean() < 1
+    low, high = (futures.density(4, 0.1, 5, extent=(*sides, -20, 20)) for sides in ((-40, middle), (middle, 40)))
+    assert low.probabilities.sum() == pytest.approx((x < middle).mean())
+    assert low.probabilities.sum() + high.probabilities.sum() == pytest.approx(1)
+    nobody = futures.density(4, 0.5, extent=(500, 510, 0, 5.2))
+    assert nobody.probabilities.shape == (11, 20)
+    assert nobody.probabilities.sum() == 0
+    assert nobody.extent == (500, 510, 0, 5.5)
+
+
+@pytest.mark.parametrize("live", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "moved", "options", "told"),
+    [
+        ("tc_cliff", {}, {}, ""),
+        ("tc_cliff", {"t": 6 * 3600}, {}, r"the map is of the hours 7, 8, .* are of 13 \(Europe/London\)"),
+        ("tc_cliff", {"t": 6 * 3600}, {"without_map": "whole_day"}, ""),
+        ("cliff", {"t": 6 * 3600}, {}, ""),
+        ("cliff", {"x": 100}, {}, r"the map is of .* m, and all walkers are in 9\d.* m: another frame\?"),
+        ("cliff", {"y": 7}, {}, "another frame"),
+    ],
+)
+def test_why_nobody_is_known_is_told_once(maps, caplog, live, kind, moved, options, told):
+    """A map of other hours, or of another place, of our own making too."""
+    some = seen(PEOPLE).take(seen(PEOPLE).track_id < 3)
+    some = some._replace(**{name: getattr(some, name) + by for name, by in moved.items()})
+    some = some._replace(t=some.t - 40 * some.track_id)  # at one moment
+    if live:
+        stream = modlhmp.Live(maps[kind], k=2, **options)
+        for row in np.lexsort((some.track_id, some.t)):
+            stream.see(some.t[row], int(some.track_id[row]), some.x[row], some.y[row])
+        known = [stream.forecast().known.any() for _ in range(3)]
+    else:
+        known = modlhmp.forecast(maps[kind], some, k=2, **options).known
+    assert any(known) == (not told)
+    messages = [one for one in caplog.messages if "positions alone" not in one]
+    assert len(messages) == bool(told)
+    assert all(re.search(told, one) for one in messages)
+
+
+def test_a_place_where_the_map_knows_nobody_is_no_other_place(maps, caplog):
+    """Nor is one among several who are known."""
+    far = np.stack([STRAIGHT, STRAIGHT]) + np.array([1.3e9, -3, 0])
+    far[1, :, 1] += 500
+    assert modlhmp.forecast(maps["cliff"], far, k=2).known.tolist() == [True, False]
+    assert not caplog.messages
 
 
 def test_constant_velocity_needs_no_map():

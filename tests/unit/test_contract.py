@@ -16,7 +16,9 @@ from modlhmp import api, contract, kinds
 from modlhmp.contract import check_kind
 from modlhmp.forecasting.base import Forecast
 from modlhmp.kinds import BUILT_IN, Kind
+from modlhmp.live import Live
 from modlhmp.maps.base import read_map
+from modlhmp.options import RollOut
 from modlhmp.settings import option
 
 OUTSIDE = Path(__file__).parents[1] / "outside/walking/src"
@@ -275,3 +277,193 @@ def test_a_broken_kind_is_told_what_it_broke(registered, kind, message):
 def test_a_kind_that_nobody_registers_is_told_so():
     with pytest.raises(AssertionError, match="mine: it is registered under no entry point"):
         check_kind(made())
+
+
+# --- a kind that is used: its faults are told by its name -------------------------------------------------------------
+
+
+def changing_what_it_is_given(observed, steps, keys):
+    whole = straight(observed, steps)
+    for part in (*observed, keys):
+        part[:] = 0
+    return whole
+
+
+def one_too_few(observed, steps, keys):
+    return Forecast(*(part[1:] for part in straight(observed, steps)[:3]), "single")
+
+
+def of_other_types(observed, steps, keys):
+    whole = straight(observed, steps)
+    return whole._replace(steps_alive=whole.steps_alive.astype(float))
+
+
+def a_list(observed, steps, keys):
+    return straight(observed, steps)._replace(xy=[[0.0, 0.0]])
+
+
+def without_fitness(observed, steps, keys):
+    whole = straight(observed, steps)
+    return whole._replace(log_fitness=np.full_like(whole.log_fitness, np.nan))
+
+
+def impossible(observed, steps, keys):
+    whole = straight(observed, steps)
+    return whole._replace(log_fitness=np.full_like(whole.log_fitness, -np.inf))
+
+
+def several_as_one(observed, steps, keys):
+    whole = straight(observed, steps)
+    return Forecast(*(np.repeat(part, 2, axis=1) for part in whole[:3]), "single")
+
+
+def median_of_none(observed, steps, keys):
+    return straight(observed, steps)._replace(output="median")
+
+
+def moving_on_alone(observed, steps, keys):
+    return moving_on(observed, steps, keys)._replace(output="single")
+
+
+FAULTS = [
+    (lambda observed, steps, keys: None, "the forecast is NoneType; return a modlhmp.forecasting.base.Forecast"),
+    (lambda observed, steps, keys: tuple(straight(observed, steps)), "the forecast is tuple"),
+    (a_list, "xy is list, an array of float32 is needed"),
+    (in_float64, "xy is float64, float32 is stored"),
+    (one_too_few, r"xy has the shape \(\d+, 1, \d+, 2\), \[(\d+), k, \d+, 2\] is needed"),
+    (lambda observed, steps, keys: straight(observed, steps)._replace(xy=np.zeros(3, np.float32)), "xy has the shape"),
+    (of_other_types, "steps_alive is float64, whole numbers"),
+    (without_a_number, "a position is not a number"),
+    (without_fitness, "log_fitness is NaN"),
+    (several_as_one, "output single of 2 futures"),
+    (median_of_none, "output median of 1 futures"),
+    (of_no_output, "output 'best' is none of"),
+    (alive_for_too_long, "steps_alive runs from"),
+]
+
+
+@pytest.mark.parametrize(("forecast", "message"), FAULTS)
+def test_a_forecast_of_another_form_is_refused_by_the_kinds_name(registered, forecast, message):
+    """Where it is used, as a `DataError`, and where it is checked."""
+    kind = made(forecast)
+    registered(mine=kind)
+    with pytest.raises(kinds.DataError, match=f"kind mine: {message}"):
+        api.forecast("mine", contract.crowd(people=3), 8)
+    with pytest.raises(AssertionError, match=message):
+        check_kind(kind)
+
+
+@pytest.mark.parametrize(
+    ("forecast", "message"),
+    [(impossible, "log_fitness is -inf of all futures"), (moving_on_alone, "a future that has stopped moves")],
+)
+def test_what_only_the_check_finds(registered, forecast, message):
+    registered(mine=made(forecast))
+    with pytest.raises(AssertionError, match=message):
+        check_kind(made(forecast))
+
+
+def test_what_a_predictor_does_to_its_arguments_changes_nothing(registered):
+    registered(mine=made(changing_what_it_is_given))
+    crowd = contract.crowd(people=3)
+    futures = api.forecast("mine", crowd, 8)
+    np.testing.assert_array_equal(futures.start, api.forecast("cvm", crowd, 8).start)
+    check_kind(made(changing_what_it_is_given))
+
+
+def test_an_exception_of_its_own_code_comes_through_and_leaves_live_as_it_was(registered):
+    fails = []
+
+    def forecast(observed, steps, keys):
+        return straight(observed, steps) if not fails else fails[0]["cell"]
+
+    registered(mine=made(forecast))
+    one, other = (walked_by("mine") for _ in range(2))
+    fails.append({})
+    with pytest.raises(KeyError, match="cell"):
+        one.forecast()
+    fails.clear()
+    np.testing.assert_array_equal(one.forecast().paths, other.forecast().paths)
+    assert (one.counts, one.present, one.who) == (other.counts, other.present, other.who)
+
+
+def walked_by(kind):
+    """A `Live` that somebody walks before."""
+    live = Live(kind, 5, site=contract.SITE)
+    for t in range(5):
+        live.see(1.3e9 + t, "ann", 1.2 * t, 0.0)
+    return live
+
+
+def sampled_kind(sample, draws=1):
+    """A kind of the name `mine` whose map is sampled by this function."""
+    module = types.ModuleType("made_sampled_kind")
+    of_map = types.SimpleNamespace(draws=draws, sample=sample)
+    module.build = lambda tracks, site, building: pa.table({"speed": tracks.speed})
+    module.load = lambda path, site, options: of_map
+    sys.modules[module.__name__] = module
+    return Kind(
+        name="mine", title="Mine", options=RollOut, module=module.__name__, building=Far,
+        forecasts="modlhmp.forecasting.rollout", section="rollout",
+    )  # fmt: skip
+
+
+def turned(x, y, speed, heading, t, uniforms):
+    return speed, heading + uniforms[:, 0], np.zeros(len(x)), np.ones(len(x), bool)
+
+
+def turned_in_place(x, y, speed, heading, t, uniforms):
+    heading += uniforms[:, 0]
+    uniforms[:], t[:], y[:] = 0, 0, 0
+    x += 1
+    return speed, heading, np.zeros(len(x)), np.ones(len(x), bool)
+
+
+def of_map(registered, sample, **options):
+    kind = sampled_kind(sample)
+    registered(mine=kind)
+    crowd = contract.crowd()
+    return api.forecast(api.build_map("mine", crowd, contract.SITE), crowd, 8, k=3, **options)
+
+
+@pytest.mark.parametrize("exits", [None, True])
+def test_what_a_map_does_to_its_arguments_changes_nothing(registered, exits):
+    ways_out = exits and api.build_map("exits", contract.crowd(), contract.SITE)
+    ours, theirs = (of_map(registered, sample, exits=ways_out) for sample in (turned, turned_in_place))
+    np.testing.assert_array_equal(ours.paths, theirs.paths)
+    check_kind(sampled_kind(turned_in_place))
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({0: lambda speed: speed[:, None]}, r"speed is float64 of the shape \(\d+, 1\), numbers of the shape \(\d+,\)"),
+        ({1: lambda heading: heading[1:]}, "heading is float64 of the shape"),
+        ({1: lambda heading: heading * np.nan}, "the heading is not a number where it found dynamics"),
+        ({2: lambda fitness: fitness * np.nan}, "the log fitness is not a number where it found dynamics"),
+        ({3: lambda found: found * 1.0}, "found is float64 of the shape .* true or false"),
+        ({2: lambda fitness: None}, "log fitness is object"),
+    ],
+)
+def test_a_sample_of_another_form_is_refused_by_the_kinds_name(registered, changed, message):
+    def sample(*given):
+        return tuple(changed.get(place, lambda part: part)(part) for place, part in enumerate(turned(*given)))
+
+    with pytest.raises(kinds.DataError, match=f"kind mine: sample: {message}"):
+        of_map(registered, sample)
+    with pytest.raises(AssertionError, match=message):
+        check_kind(sampled_kind(sample))
+
+
+def test_a_sample_that_is_none_is_refused(registered):
+    for sample in (lambda *given: None, lambda *given: turned(*given)[:3]):
+        with pytest.raises(kinds.DataError, match=r"kind mine: sample: returned .*, four arrays are needed"):
+            of_map(registered, sample)
+
+
+def test_a_map_may_return_whole_numbers_lists_and_what_is_not_known_where_it_found_nothing(registered):
+    def sample(x, y, speed, heading, t, uniforms):
+        odd = np.arange(len(x)) % 2
+        return [1] * len(x), np.where(odd, heading, np.nan), np.zeros(len(x), int), 3 * odd
+
+    assert 0 < of_map(registered, sample).alive[:, :, 0].mean() < 1

@@ -9,7 +9,8 @@ import pytest
 import modlhmp
 from modlhmp import DataError, Live
 from modlhmp.contract import SITE, crowd
-from modlhmp.live import MOST_LATE, MOST_ROWS
+from modlhmp.live import MOST_ROWS
+from modlhmp.live_clock import MOST_LATE, MOST_WAITING
 from modlhmp.time_step import ending_at
 from modlhmp.tracks import Tracks
 
@@ -271,6 +272,82 @@ def test_a_clock_that_jumps():
     assert other.forecast().track_id.tolist() == [1]
 
 
+def ticks(live, people, ahead_s, first=False, number=100):
+    """People seen at 10 Hz, and one beside them whose clock is ahead; how many a forecast of each tick has."""
+    found = []
+    for tick in range(number):
+        t = T0 + tick / 10
+        rows = [(t, who, 0.12 * tick, float(who)) for who in range(people)]
+        rows.insert(0 if first else people, (t + ahead_s, "ahead", 0.0, 0.0))
+        for row in rows:
+            live.see(*row)
+        found.append(len(live.forecast().t0))
+    return found
+
+
+@pytest.mark.parametrize(("people", "ahead_s"), [(12, 3600.0), (5, 3600.0), (2, 8.9), (1, 6.0)])
+def test_one_person_whose_clock_is_ahead_silences_nobody(caplog, people, ahead_s):
+    live = cvm()
+    assert ticks(live, people, ahead_s)[30:] == [people] * 70
+    assert (live.counts["clock_set_back"], live.counts["late"]) == (0, 0)
+    assert (live.counts["ahead"], live.counts["taken"]) == (100, 100 * people)
+    assert len(caplog.messages) == 1
+    assert "Live: a row of 'ahead' is" in caplog.text
+
+
+def test_nor_does_one_who_was_there_first():
+    """Several who agree are believed, once ten rows of theirs are late; one against one is not decided."""
+    live = cvm()
+    assert ticks(live, 5, 3600.0, first=True)[40:] == [5] * 60
+    assert (live.counts["clock_set_back"], live.counts["late"]) == (1, MOST_LATE - 1)
+
+
+def test_a_single_row_from_ahead_costs_nothing():
+    one, other = cvm(), cvm()
+    for live in (one, other):
+        walk(live, 1, range(6))
+        walk(live, 2, range(6), y=1.0)
+    assert walk(one, 2, [13.9], y=1.0) == [""]
+    assert one.now == T0 + 5
+    assert_same(one.forecast(), other.forecast())
+    for live in (one, other):
+        walk(live, 1, [6])
+        walk(live, 2, [6], y=1.0)
+    assert_same(one.forecast(), other.forecast())
+    assert one.counts == {**other.counts, "ahead": 1}
+
+
+def test_time_that_goes_on_loses_no_row():
+    """For several at the second person's row; for one as soon as there could be a forecast, or if nobody else is."""
+    several, one, lone = cvm(), cvm(), cvm()
+    for live in (several, one):
+        walk(live, 1, range(6))
+        walk(live, 2, range(6), y=1.0)
+    walk(several, 1, [60])
+    assert (several.now, several.counts["ahead"]) == (T0 + 5, 1)
+    walk(several, 2, [60], y=1.0)
+    assert (several.now, several.counts["ahead"], several.counts["taken"]) == (T0 + 60, 0, 14)
+    walk(one, 3, [60, 61, 62])
+    assert one.now == T0 + 5
+    walk(one, 3, [63])
+    assert (one.now, one.forecast().track_id.tolist()) == (T0 + 63, [3])
+    walk(lone, 1, range(6))
+    walk(lone, 1, [60])
+    assert lone.now == T0 + 60
+
+
+def test_who_asks_for_a_later_time_says_that_it_is():
+    live = cvm()
+    for who in (1, 2):
+        walk(live, who, range(6))
+    walk(live, 3, [60.0, 60.5, 61.0])
+    live.forecast(T0 + 61)
+    assert (live.present, live.counts["ahead"]) == ({"here": 0, "new": 1, "gone": 0}, 0)
+    walk(live, 1, [70])
+    live.pass_time(T0 + 70)
+    assert (live.now, live.counts["ahead"]) == (T0 + 70, 0)
+
+
 # --- bounded memory --------------------------------------------------------------------------------------------------
 
 
@@ -315,3 +392,7 @@ def test_memory_is_flat():
     assert held(live)[1] < 30
     live.forecast()
     assert len(live.who) <= 30
+    for one in range(3000):  # from ahead, all in a second
+        live.see(T0 + 2e5 + one / 3000, "ahead", 0.0, 0.0)
+    assert len(live.clock.waiting) == MOST_WAITING
+    assert live.counts["ahead"] == 3000

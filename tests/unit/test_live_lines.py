@@ -151,6 +151,27 @@ def test_a_clock_that_is_set_back():
     assert moments_of(told, live=live)[-1] == (19, 1), "a wrong time does not stop it for long"
 
 
+@pytest.mark.parametrize("latest", [False, True])
+def test_one_person_whose_clock_is_ahead_stops_no_moment(latest):
+    """Whether rows come one by one, or several at once."""
+    for size in (1, 4):
+        live, lines = cvm(), []
+        for t in np.arange(0, 9, 0.5):
+            lines += [*rows([t]), *rows([t], "b"), *rows([t + 3600], "ahead")]
+        batch = [lines[first : first + size] for first in range(0, len(lines), size)]
+        got = [*forecasts(live, batch, 1.0, latest=latest)]
+        assert [t0 - T0 for t0, _ in got] == list(range(9))
+        assert [len(futures.t0) for _, futures in got][3:] == [2] * 6
+        assert live.counts["ahead"] == 18
+
+
+def test_a_moment_has_the_rows_that_waited_for_it():
+    live = cvm()
+    lines = [*rows(range(5)), *rows(range(5), "b"), *rows(range(60, 65), "c")]
+    assert moments_of(lines, live=live)[-3:] == [(62, 0), (63, 1), (64, 1)]
+    assert live.counts["ahead"] == 0
+
+
 def test_with_latest_a_batch_has_one_forecast_at_most():
     live = cvm()
     got = [*forecasts(live, [rows(np.arange(0, 6.5, 0.25)), rows([6.5]), rows([6.75, 7.25])], 1.0, latest=True)]

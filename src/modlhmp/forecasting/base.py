@@ -14,13 +14,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 MODES = 5  # at most so many distinct futures of a forecast of output `modes`
+OUTPUTS = ("ranked", "median", "medoid", "modes", "mean", "single", "likeliest", "mean_path")  # see `Forecast`
 RESULTS = {"median": 1, "mean_path": 1, "modes": MODES}  # futures that are no samples but stand before them, by output
 
 
 class Forecast(NamedTuple):
     """k futures of n tracks.
 
-    `xy` [n, k, T, 2] float32 in m, held at the last alive position (t0's if none) once a future has stopped;
+    `xy` [n, k, T, 2] float32 in m, held at the last alive position (t0's if none; unless `ranked`, whom the map does
+    not know may walk on) once a future has stopped;
     `log_fitness` [n, k, T] float32, cumulative, held likewise; `steps_alive` [n, k] int32;
     `output`: how one result comes out of the k (`ranked`: the fittest, `medoid`: the same, fitness being nearness to
     the others, `likeliest`: the same, fitness being the log of a probability, `mean`: the mean error, `single`: k = 1,

@@ -17,15 +17,20 @@ def density(
         xy, alive = samples_of(forecast)  # modlhmp.scoring.uncertainty; xy [n, m, T, 2]
         p = density(xy[0, alive[0] >= 10, 9], (0, 40, 0, 30), cell_m=0.25, bandwidth_m=0.5)  # after 10 steps
     """
-    positions, (x_low, x_high, y_low, y_high) = np.asarray(positions, float), extent
-    columns, rows = (max(round(np.ceil(size / cell_m - 1e-9)), 1) for size in (x_high - x_low, y_high - y_low))
-    edges = y_low + cell_m * np.arange(rows + 1), x_low + cell_m * np.arange(columns + 1)
+    positions, edges = np.asarray(positions, float), edges_of(extent, cell_m)
     known = positions[np.isfinite(positions).all(axis=1)]
     counts, _, _ = np.histogram2d(known[:, 1], known[:, 0], bins=edges)
     if not counts.any():
         raise ValueError(f"none of {len(positions)} samples lies within {extent}, so there is no density there")
     spread = gaussian_filter(counts, bandwidth_m / cell_m, mode="reflect")  # reflected, so none of it is lost
     return spread / spread.sum()
+
+
+def edges_of(extent: tuple[float, float, float, float], cell_m: float) -> tuple[np.ndarray, np.ndarray]:
+    """Edges in y [rows + 1] and in x [columns + 1] of the cells that cover `extent`."""
+    x_low, x_high, y_low, y_high = extent
+    columns, rows = (max(round(np.ceil(size / cell_m - 1e-9)), 1) for size in (x_high - x_low, y_high - y_low))
+    return y_low + cell_m * np.arange(rows + 1), x_low + cell_m * np.arange(columns + 1)
 
 
 def level_that_holds(probabilities: np.ndarray, share: float) -> float:

@@ -166,7 +166,11 @@ def box_of(tables: Iterable[pa.Table]) -> np.ndarray | None:
 
 def check_frame(where: str, tables: Iterable[pa.Table], x: np.ndarray, y: np.ndarray) -> float:
     """The share of the positions x, y [n] of walkers that lie in the box of a map; `DataError` if none does."""
-    box, xy = box_of(tables), np.column_stack([x, y])
+    return check_box(where, box_of(tables), np.column_stack([x, y]))
+
+
+def check_box(where: str, box: np.ndarray | None, xy: np.ndarray) -> float:
+    """`check_frame` of positions [n, 2] and what `box_of` gave."""
     if box is None or not len(xy):
         return 1.0
     share = float(((xy >= box[0] - EDGE_M) & (xy <= box[1] + EDGE_M)).all(axis=1).mean())
