@@ -494,7 +494,10 @@ BAD = {
     "column": (lambda table: table.rename(columns={"sample": "smaple"}), ["no column named 'smaple'", "'sample'"]),
     "no position": (lambda table: table.drop(columns="y"), ["no column y; it has track_id, sample, step, x"]),
     "neither step nor t": (lambda table: table.drop(columns="step"), ["one of the columns step and t is needed"]),
-    "both": (lambda table: table.assign(t=table["step"]), ["one of the columns step and t is needed"]),
+    "both, which differ": (
+        lambda table: table.assign(t=2 * table["step"]),
+        ["row 2: t 2 s is not step 1 of 1 s; leave"],
+    ),
     "empty": (lambda table: table.iloc[:0], ["it has no forecasts"]),
 }
 
