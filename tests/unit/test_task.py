@@ -378,6 +378,26 @@ def test_the_three_ways_to_one_path(task, tmp_path):
     np.testing.assert_allclose(result("mean")[1][0], np.column_stack([x.mean(axis=1), y.mean(axis=1)]), rtol=1e-6)
 
 
+def test_a_median_does_not_depend_on_who_else_is_handed_in(task, tmp_path):
+    """To the bit, whether the others have samples near each other or far apart, or more of them."""
+    table = straight(task, 3)
+    table["probability"] = table["sample"].map({0: 0.2, 1: 0.5, 2: 0.3})
+    table["x"] += table["sample"] * table["track_id"] ** 2
+    more = table[(table["track_id"] == 5) & (table["sample"] == 2)]
+    table.loc[more.index, "probability"] = 0.15
+    table = pd.concat([table, more.assign(sample=3, probability=0.15)])
+
+    def medians(of):
+        handed, paths = read_hand_in(hand_in(tmp_path, task, of, "geometric_median"), task), np.empty((24, STEPS, 2))
+        for name, ids in task.ids.items():
+            paths[ids] = np.concatenate([forecast.results.xy[:, 0] for _, _, forecast in handed.forecasts(name)])
+        return paths
+
+    everybody = medians(table)
+    for number in (3, 5, 17):
+        np.testing.assert_array_equal(medians(table[table["track_id"] == number])[number], everybody[number])
+
+
 def test_the_likeliest_is_what_is_scored(task, tmp_path):
     table = straight(task, 3)
     table["probability"] = table["sample"].map({0: 0.2, 1: 0.5, 2: 0.3})

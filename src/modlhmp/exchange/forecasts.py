@@ -23,7 +23,7 @@ import pyarrow as pa
 from modlhmp.exchange.columns import line_of, read_columns
 from modlhmp.exchange.tracks import numbers_of
 from modlhmp.forecasting.base import Forecast
-from modlhmp.forecasting.median import weighted_median, with_median
+from modlhmp.forecasting.median import weighted_geometric_median, with_median
 from modlhmp.forecasting.ranking import best_first
 from modlhmp.forecasting.recording import TRACKS_AT_ONCE
 from modlhmp.storage import DataError, column
@@ -268,7 +268,7 @@ def _with_path(forecast: Forecast, weight: np.ndarray, path: How | None) -> Fore
     counted = np.where(there, weight[:, :, None], 0.0)
     total = counted.sum(axis=1)
     counted /= np.where(total > 0, total, 1.0)[:, None]
-    found = weighted_median(xy, counted) if path == "geometric_median" else (counted[..., None] * xy).sum(axis=1)
+    found = _medians(xy, counted) if path == "geometric_median" else (counted[..., None] * xy).sum(axis=1)
     lived = np.where(weight > 0, alive, 0).max(axis=1)
     last = np.minimum(np.arange(xy.shape[2]), np.maximum(lived - 1, 0)[:, None])
     found = np.take_along_axis(found, last[..., None], axis=1)
@@ -279,6 +279,19 @@ def _with_path(forecast: Forecast, weight: np.ndarray, path: How | None) -> Fore
         np.concatenate([lived[:, None].astype(np.int32), alive], axis=1),
         "median" if path == "geometric_median" else "mean_path",
     )
+
+
+def _medians(xy: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Geometric medians [n, T, 2] at every step of futures `xy` [n, k, T, 2] that count by their `share` [n, k, T].
+
+    0 where none counts. Each is found for itself, so that nobody's depends on who else is in the file.
+    """
+    found = np.zeros((len(xy), *xy.shape[2:]))
+    for walker, step in zip(*np.nonzero(share.any(axis=1)), strict=True):
+        counts = share[walker, :, step] > 0
+        x, y = xy[walker, counts, step].astype(float).T.copy()
+        found[walker, step] = weighted_geometric_median(x, y, share[walker, counts, step], len(x))
+    return found
 
 
 def long_table(
