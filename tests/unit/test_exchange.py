@@ -386,6 +386,29 @@ def test_a_header_tells_the_order(write, order):
     assert imported(modlhmp.load_map(write(names + rows)).whole)["form"] == order
 
 
+IN_ORDER = {
+    "matlab": "x,y,Heading,Speed,var_heading,cov,cov,var_speed,weight,p,q",
+    "online": "x,y,velocity,motion_angle,cov1,cov2,cov3,cov4,weight,motion_ratio",
+    "stef_csv": "x,y,theta_1,theta_2,theta_3,theta_4",
+}
+
+
+@pytest.mark.parametrize("form", IN_ORDER)
+def test_columns_that_a_header_has_in_another_order_are_refused(write, caplog, form):
+    """Wherever two columns are swapped that it tells apart; names that nobody knows are told."""
+    names = IN_ORDER[form].split(",")
+    rows = "0,0,1,0,0,0\n1,0,0.5,0.5,0,0\n" if form == "stef_csv" else field(form)
+    known = [name for name in names if not name.startswith("cov")]
+    assert len(modlhmp.load_map(write(",".join(names) + "\n" + rows), form=form).hours or [1])
+    assert ("unknown names of columns" in caplog.text) == (len(known) < len(names))
+    for one, other in itertools.combinations(range(len(names)), 2):
+        swapped = list(names)
+        swapped[one], swapped[other] = names[other], names[one]
+        if {names[one], names[other]} <= set(known) and {names[one], names[other]} != {"p", "q"}:
+            told = f"column {one + 1} is called {swapped[one]}, where form {form} has .* bring the columns"
+            refused(told, modlhmp.load_map, write(",".join(swapped) + "\n" + rows), form=form)
+
+
 # --- defects ----------------------------------------------------------------------------------------------------------
 
 GOOD = [5, 2, 1.0, 1.1, 0.1, 0.01, 0.05, 1]
