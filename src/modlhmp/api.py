@@ -103,7 +103,7 @@ def read_tracks(
     return tracks
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Map:
     """A map of dynamics: its `kind`, the `site` it is of, and its tables.
 
@@ -131,6 +131,11 @@ class Map:
             raise DataError(f"Map: a map of kind {self.kind} is one table, `whole`")
         if not tables:
             raise DataError(f"Map: a map of kind {self.kind} without a table; give `whole`, `hours` or both")
+
+    def __repr__(self) -> str:
+        rows = sum(len(table) for table in (self.whole, *self.hours.values()) if table is not None)
+        hours = f", hours {' '.join(map(str, self.hours))}" if self.hours else ""
+        return f"<Map: {self.kind}, {rows} rows{hours}, a step {self.site.time_step_s:g} s, {self.site.timezone}>"
 
     def save(self, path: str | Path, form: str = PARQUET, **how: Any) -> None:
         """Write it to `path`: a Parquet file, or a folder of the hours' files for a kind that has a map per hour.
@@ -302,7 +307,7 @@ def predictor(
     if record.forecasts is None:
         raise DataError(f"a map of kind {record.name!r} has no forecaster; it serves other methods")
     if not (exits is None or isinstance(exits, bool) or (isinstance(exits, Map) and exits.kind == "exits")):
-        raise DataError(f"exits {exits!r}: give True, False, or a map of kind `exits`")
+        raise DataError(f"exits {exits!r:.120}: give True, False, or a map of kind `exits`")
     asked = {"k": k, "exits": None if exits is None else exits is not False}
     given = {**options, **{name: value for name, value in asked.items() if value is not None}}
     ways_out = exits.whole if isinstance(exits, Map) else None

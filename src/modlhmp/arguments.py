@@ -20,6 +20,7 @@ from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks, gap_limit, usable_tracks, usual_step
 
 LATEST_S = 1e11  # of a time in unix s: the year 5138; one in ms is beyond
+A_MAP = "a Map (build_map, load_map, or UpdatedMap.written)"
 FASTEST_M_S = 100.0  # a recorded speed beyond is in another unit
 USUAL_M_S = 10.0  # of half of all steps: nobody walks so
 START_M = 1.0  # what a history may differ from the truth at t0
@@ -92,7 +93,7 @@ def map_kind(name: str) -> Kind:
 def free_kind(name: str) -> Kind:
     """The record of a kind that needs no map."""
     if not isinstance(name, str):
-        raise DataError(f"forecast by {type(name).__name__}: give a Map (build_map, load_map) or the name of a kind")
+        raise DataError(f"forecast by {type(name).__name__}: give {A_MAP} or the name of a kind")
     if os.sep in name or name.endswith(".parquet"):
         raise DataError(f"forecast by {name!r}: give the map that lies there, modlhmp.load_map({name!r})")
     record = find(name)

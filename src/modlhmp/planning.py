@@ -30,7 +30,7 @@ import pyarrow as pa
 
 from modlhmp.angles import TWO_PI, wrap_angle
 from modlhmp.api import Map
-from modlhmp.arguments import numbers, unix_time
+from modlhmp.arguments import A_MAP, numbers, unix_time
 from modlhmp.maps import stef
 from modlhmp.maps.comparison import check_flows, direction_shares
 from modlhmp.storage import DataError, column
@@ -171,7 +171,7 @@ def _pieces(xy: np.ndarray) -> tuple[np.ndarray, ...]:
 def _table_at(a_map: Map, t: float | None) -> tuple[str, pa.Table]:
     """Kind and table of the map that serves the time `t`."""
     if not isinstance(a_map, Map):
-        raise DataError(f"path_cost: {type(a_map).__name__}: give a Map (build_map, load_map)")
+        raise DataError(f"path_cost: {type(a_map).__name__}: give {A_MAP}")
     check_flows("path_cost", a_map.kind)
     if not a_map.hours:
         table = a_map.whole

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import subprocess
 import sys
 
@@ -237,6 +238,16 @@ def test_a_map_keeps_its_site(maps):
 @pytest.mark.parametrize("exits", ["a", 3, [], np.array([1, 2])])
 def test_what_is_no_way_out(maps, exits):
     refused("give True, False", modlhmp.forecast, maps["snippets"], seen(PEOPLE), exits=exits)
+
+
+def test_a_map_is_shown_in_a_line(maps):
+    """Also where it is the wrong one: its kind and size, not its tables."""
+    shown = repr(maps["cliff"])
+    assert len(shown) < 120 and re.search(
+        rf"cliff, {maps['cliff'].whole.num_rows} rows, a step 1 s, Europe/London", shown
+    )
+    assert "hours 9 10" in repr(modlhmp.Map("tc_cliff", SITE, None, dict.fromkeys((9, 10), maps["cliff"].whole)))
+    refused(f"exits {shown}: give True, False", modlhmp.forecast, maps["snippets"], seen(PEOPLE), exits=maps["cliff"])
 
 
 @pytest.mark.parametrize("name", modlhmp.Tracks._fields)

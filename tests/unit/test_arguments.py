@@ -256,7 +256,9 @@ def test_networks_and_files_by_name():
     refused("the workflow trains it", modlhmp.build_map, "lstm", PEOPLE)
     refused("the workflow trains it", modlhmp.forecast, "lstm", STRAIGHT)
     refused("made of other methods' forecasts", modlhmp.forecast, "average", STRAIGHT)
-    refused("modlhmp.load_map", modlhmp.forecast, "maps/cliff.parquet", STRAIGHT)
+    for by in ("maps/cliff.parquet", "cliff.parquet"):
+        refused("give the map that lies there, modlhmp.load_map", modlhmp.forecast, by, STRAIGHT)
+        refused("give the map that lies there, modlhmp.load_map", modlhmp.Live, by)
 
 
 def test_maps_without_people_are_refused():

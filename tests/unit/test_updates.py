@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import modlhmp
 from modlhmp.cli import app
 from modlhmp.contract import SITE, crowd
+from modlhmp.exchange.maps import kind_in
 from modlhmp.kinds import find
 from modlhmp.live_map import Learner
 from modlhmp.maps import cliff, swgmm
@@ -496,6 +497,21 @@ def test_live_forecasts_with_what_it_has_learned():
     assert live._predictor is not before
     with pytest.raises(DataError, match="kept up to date is empty: add tracks first"):
         modlhmp.Live(UpdatedMap("cliff", SITE))
+
+
+@pytest.mark.parametrize("kind", ["cliff", "tc_cliff"])
+def test_a_state_in_place_of_a_map_says_how_to_write_it_out(tmp_path, kind):
+    """Wherever a map is read or asked for; what is refused is worth weeks of recordings."""
+    kept, path = made(kind, MONDAY), tmp_path / "state.parquet"
+    kept.save(path)
+    for call in (modlhmp.load_map, kind_in):
+        with pytest.raises(
+            DataError, match=rf"state, .*of kind {kind} .*map update .*state.parquet --out MAP.*written"
+        ):
+            call(path)
+    for call in (modlhmp.forecast, modlhmp.path_cost):
+        with pytest.raises(DataError, match=r"UpdatedMap: give a Map \(build_map, load_map, or UpdatedMap.written\)"):
+            call(kept, np.zeros((4, 3 if call is modlhmp.forecast else 2)) + np.arange(4)[:, None])
 
 
 def test_what_live_has_learned_is_kept(tmp_path):

@@ -41,8 +41,8 @@ _LOG = logging.getLogger("modlhmp")
 
 def order_named(rows: Rows) -> str:
     """`matlab`, `online` or "": which of columns 3 and 4 a header calls the angle, and which the speed."""
-    said = tuple(meaning(name.lower()) for name in rows.header[2:4])
-    return {("heading", "speed"): "matlab", ("speed", "heading"): "online"}.get(said, "")
+    said = [meaning(name.lower()) for name in rows.header[2:4]]
+    return "matlab" if said == ["heading", "speed"] else "online" if said == ["speed", "heading"] else ""
 
 
 def order_of(rows: Rows) -> tuple[str, str]:
