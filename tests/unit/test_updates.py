@@ -103,6 +103,18 @@ def test_what_is_added_can_be_removed(kind):
     assert_same(after, before)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_map_that_holds_nobody_is_not_written(kind, tmp_path):
+    """New, or emptied again: with it a forecaster would know nobody, and not say so."""
+    told = made(kind, MONDAY)
+    told.remove(day=_day_of(MONDAY))
+    for empty in (told, made(kind)):
+        with pytest.raises(DataError, match=f"the map of kind {kind} is empty: .*; add tracks first"):
+            empty.written()
+        empty.save(tmp_path / "state.parquet")
+        assert UpdatedMap.load(tmp_path / "state.parquet").kind == kind
+
+
 def _day_of(tracks):
     return str(np.datetime64(int(tracks.t[0]), "s").astype("datetime64[D]"))
 
