@@ -40,7 +40,7 @@ from modlhmp.settings import as_plain, check, unknown
 from modlhmp.site import Site
 from modlhmp.storage import DataError, boundary, write_parquet
 from modlhmp.streams import stream_keys
-from modlhmp.tracks import Tracks
+from modlhmp.tracks import Tracks, clock_hours
 from modlhmp.tracks import read_tracks as read_clean_tracks
 
 KEY = ("modlhmp", "forecast", "")  # takes the place of (dataset, method, recording) in the random numbers
@@ -191,6 +191,13 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
         raise DataError("build_map: a position is not a number; leave such rows out")
     if len(tracks.t) and np.diff(tracks.bounds()).max() < 2:
         raise DataError("build_map: no track has two rows; are the times in the unit that was said (s, ms)?")
+    if record.hourly and len(tracks.t) and site.listed_hours:
+        seen = np.unique(clock_hours(tracks.t, site.timezone)).tolist()
+        if not set(seen) & set(site.listed_hours):
+            raise DataError(
+                f"build_map({kind!r}): the tracks are of the hours {', '.join(map(str, seen))} of {site.timezone}, of "
+                f"which the site's `hours` {list(site.hours or ())} have none; correct the hours, or the time zone"
+            )
     try:
         built = Map(kind, site, *build_tables(kind, tracks, site, options))
     except MemoryError:
@@ -225,6 +232,11 @@ def load_map(
     if not is_parquet(path, form):
         of_place = site_of(site)
         kind, whole, hours = read_tables(path, form, of_place, origin_m, **how)
+        if hours and site is None and (form == "histogram" or not path.is_file()):
+            logging.getLogger("modlhmp").warning(
+                "load_map: %s: its hours are taken for those of UTC; say whose they are by site=modlhmp.Site("
+                "timezone=...), or --timezone", path,
+            )  # fmt: skip
         return Map(kind, of_place, whole, hours)
     asked = {"site": site, "origin_m": origin_m, **how}
     if given := [name for name, value in asked.items() if value is not None]:

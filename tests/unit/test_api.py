@@ -191,6 +191,19 @@ def test_few_people_make_a_map_of_the_whole_day_alone(tmp_path):
         assert (again.kind, again.whole.num_rows, again.hours) == ("tc_cliff", ours.whole.num_rows, {})
 
 
+@pytest.mark.parametrize("kind", ["tc_cliff", "stef"])
+def test_hours_without_any_data_are_refused(kind):
+    """As where a time zone is wrong: the map of the hours that are asked for would be of nobody."""
+    night = dataclasses.replace(SITE, hours=(22, 3))
+    refused(
+        r"tracks are of the hours 7, 8 of Europe/London, .*`hours` \[22, 3\] have none",
+        modlhmp.build_map,
+        kind,
+        PEOPLE,
+        night,
+    )
+
+
 def test_hours_are_those_of_the_training_data(maps):
     free = dataclasses.replace(SITE, hours=None)
     assert list(modlhmp.build_map("tc_cliff", PEOPLE, free).hours) == [7, 8]

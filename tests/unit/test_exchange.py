@@ -306,6 +306,19 @@ def test_walkers_of_another_frame(maps):
     refused(message, check_frame, "here", [table], x + 500_000.123, np.full(11, 4_123_456.789))
 
 
+@pytest.mark.parametrize("kind", ["tc_cliff", "stef"])
+def test_whose_hours_they_are_is_asked(maps, tmp_path, caplog, kind):
+    """Files named by hours do not say of which time zone; a map that is the same all day needs none."""
+    form = "online" if kind == "tc_cliff" else "stef_csv"
+    maps[kind].save(tmp_path / "hours", form=form)
+    modlhmp.load_map(tmp_path / "hours", form, site=SITE)
+    if kind == "stef":
+        modlhmp.load_map(next((tmp_path / "hours").glob("0*")), form)
+    assert "taken for those of UTC" not in caplog.text
+    modlhmp.load_map(tmp_path / "hours", form)
+    assert "hours are taken for those of UTC; say whose they are by site=modlhmp.Site(timezone=...)" in caplog.text
+
+
 def test_a_forecast_far_from_a_published_map_is_told(maps, tmp_path, caplog):
     maps["cliff"].save(tmp_path / "a.csv", form="matlab")
     theirs = modlhmp.load_map(tmp_path / "a.csv", form="matlab")
