@@ -21,6 +21,7 @@ from modlhmp.tracks import Tracks, gap_limit, usable_tracks, usual_step
 
 LATEST_S = 1e11  # of a time in unix s: the year 5138; one in ms is beyond
 A_MAP = "a Map (build_map, load_map, or UpdatedMap.written)"
+SHORT = 2.0**24  # a float32 holds no larger time to the second
 FASTEST_M_S = 100.0  # a recorded speed beyond is in another unit
 USUAL_M_S = 10.0  # of half of all steps: nobody walks so
 START_M = 1.0  # what a history may differ from the truth at t0
@@ -138,7 +139,9 @@ def check_tracks(where: str, tracks: Tracks, site: Site | None = None) -> None:
     apart = np.diff(tracks.t)[same]
     if len(apart) and apart.min() <= 0:
         row = int(np.flatnonzero(same)[apart.argmin()]) + 1
-        raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not after the row before; sort by track, then time")
+        short = np.abs(tracks.t[row]) > SHORT and (tracks.t == tracks.t.astype(np.float32)).all()
+        remedy = "give float64: unix times have more digits than float32" if short else "sort by track, then time"
+        raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not after the row before; {remedy}")
     moved = np.hypot(np.diff(tracks.x)[same], np.diff(tracks.y)[same]) / apart
     if len(apart) and (usual := float(np.nanmedian(np.append(moved, 0.0)))) > USUAL_M_S:
         raise DataError(

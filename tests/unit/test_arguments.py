@@ -239,6 +239,10 @@ def test_an_unknown_place_on_earth():
         (STRAIGHT.astype("datetime64[s]"), "they are datetime64"),
         (STRAIGHT.astype(str).astype(object), "they are object"),
         (STRAIGHT > 0, "they are bool"),
+        (
+            (STRAIGHT + np.array([1.3e9, 0, 0])).astype(np.float32),
+            "row 1: t .* give float64: unix times have more digits",
+        ),
         (np.stack([STRAIGHT, STRAIGHT * [1, np.nan, 1]]), "walker 1: a position in the last 4 rows"),
         (STRAIGHT[:3], "walker 0 has 3 rows; .* give the last 4 rows or more"),
     ],

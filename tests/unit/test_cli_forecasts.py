@@ -307,6 +307,15 @@ def test_forecasts_of_others(folder, tmp_path, change, told):
         said("score", tmp_path / "f.csv", "--tracks", folder / "walks.csv")
 
 
+@pytest.mark.parametrize(("theirs", "ours"), [("3.0", "3"), ("3", "003")])
+def test_ids_in_other_digits_are_told(tmp_path, theirs, ours):
+    """As tables that are read by another program have them."""
+    (tmp_path / "walks.csv").write_text("track_id,t,x,y\n" + "".join(f"{ours},{t},{t},0\n" for t in range(9)))
+    (tmp_path / "f.csv").write_text(f"track_id,t0,step,x,y\n{theirs},3,1,4,0\n")
+    told = refused("score", tmp_path / "f.csv", "--tracks", tmp_path / "walks.csv")
+    assert f"track {theirs}: nobody of that id is in" in told and told.endswith(f"; write {ours}, as there")
+
+
 def refused(*arguments):
     """What a command says that refuses, and that it has written nothing before."""
     done = CliRunner().invoke(app, [str(one) for one in arguments])

@@ -508,7 +508,15 @@ BAD = {
     ),
     "ids with a point": (
         lambda table: table.assign(track_id=table["track_id"].astype(float)),
-        ["row 2: track_id 0.0 is not in the task", "whole numbers, so write 0"],
+        ["row 2: track_id 0.0 is not in the task", "; write 0, as there"],
+    ),
+    "ids with zeros before them": (
+        lambda table: table.assign(track_id="00" + table["track_id"].astype(str)),
+        ["row 2: track_id 000 is not in the task", "; write 0, as there"],
+    ),
+    "a column without a value": (
+        lambda table: table.assign(probability=np.nan),
+        ["probability is empty or NaN in every row; fill it in, or leave the column out"],
     ),
     "clock": (lambda table: table.assign(t0=1.3e9), ["row 2: t0 1300000000: in a task t0 is 0"]),
     "column": (lambda table: table.rename(columns={"sample": "smaple"}), ["no column named 'smaple'", "'sample'"]),
@@ -579,6 +587,8 @@ def test_a_folder_with_something_else(task, tmp_path):
         ('{"track": {"f": 4, "p": 0, "x": "1", "y": 1, "prediction_number": 0, "scene_id": 0}}', "x '1' of a predic"),
         ('{"track": {"f": 4, "p": 0, "y": 1, "prediction_number": 0, "scene_id": 0}}', "x None of a prediction"),
         ("{track}", "'{track}' is no JSON object"),
+        ('{"track": {"f": 4, "p": 0, "x": 1, "y": 1, "prediction_number": 0, "scene_id": 1e300}}', "1e+300 is not the"),
+        ('{"track": {"f": 4, "p": 0, "x": 1, "y": 1, "prediction_number": 0, "scene_id": -1}}', "-1 is not the number"),
     ],
 )  # fmt: skip
 def test_bad_predictions(task, tmp_path, line, told):
@@ -588,6 +598,22 @@ def test_bad_predictions(task, tmp_path, line, told):
     with pytest.raises(DataError) as error:
         read_hand_in(tmp_path, task)
     assert "forecasts.ndjson, row 1: " in str(error.value) and told in str(error.value)
+
+
+def test_predictions_of_nobody_whom_the_task_asks_for(task, tmp_path):
+    """Every line is of a person with another number than the scene's."""
+    write_hand_in(tmp_path, task, {name: cvm(name) for name in DAYS}, "ndjson")
+    file = tmp_path / "forecasts.ndjson"
+    file.write_text(re.sub(r'"p": \d+', '"p": 99', file.read_text()))
+    with pytest.raises(DataError, match=r"row 2: p 99 of a prediction for scene 0, and likewise all: .* p = scene_id"):
+        read_hand_in(tmp_path, task)
+
+
+def test_columns_that_no_commas_separate(task, tmp_path):
+    folder = hand_in(tmp_path, task, straight(task))
+    (folder / "f.csv").write_text((folder / "f.csv").read_text().replace(",", ";"))
+    with pytest.raises(DataError, match=r"f.csv: one column named 'track_id;.*separated by commas here, not by ';'"):
+        read_hand_in(folder, task)
 
 
 # --- the forms ------------------------------------------------------------------------------------------------------

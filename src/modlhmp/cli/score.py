@@ -98,7 +98,7 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
     number = {owners.get(one, str(one)): one for one in truth.track_id[bounds[:-1]].tolist()}
     names = [samples.name(place) for place in range(len(samples.t0))]
     start = np.array([
-        _start(truth, number.get(name), samples, place, shown, tracks) for place, name in enumerate(names)
+        _start(truth, number, samples, place, shown, tracks) for place in range(len(names))
     ])  # fmt: skip
     samples = samples._replace(track_id=np.array([number[name] for name in names], np.int64))
     end = dict(zip(truth.track_id[bounds[:-1]].tolist(), truth.t[bounds[1:] - 1].tolist(), strict=True))
@@ -117,13 +117,19 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
             yield protocol, found.output, horizon_s, found.at(horizon_s)
 
 
-def _start(truth: Any, whose: int | None, samples: Any, place: int, shown: str, tracks: str) -> tuple[float, float]:
-    """Where the person of a forecast, whose track in `truth` it is (None: nobody), was at t0."""
+def _start(
+    truth: Any, number: dict[str, int], samples: Any, place: int, shown: str, tracks: str
+) -> tuple[float, float]:
+    """Where the person of a forecast was at t0; `number` are the tracks of `truth` by their owners' ids."""
     import numpy as np  # noqa: PLC0415
 
+    from modlhmp.ids import as_written  # noqa: PLC0415
+
     where = f"{shown}, row {samples.line[place]}: track {samples.name(place)}"
+    whose = number.get(samples.name(place))
     if whose is None:
-        raise DataError(f"{where}: nobody of that id is in {tracks}; are they of the same recording?")
+        remedy = as_written(samples.name(place), number) or "; are they of the same recording?"
+        raise DataError(f"{where}: nobody of that id is in {tracks}{remedy}")
     mine = np.flatnonzero(truth.track_id == whose)
     row = mine[np.abs(truth.t[mine] - samples.t0[place]).argmin()]
     if abs(truth.t[row] - samples.t0[place]) > 1e-3:
