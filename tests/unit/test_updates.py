@@ -152,7 +152,17 @@ def test_stef_equals_what_is_built_at_once():
             np.testing.assert_allclose(column(other, name), column(one, name), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("hours", [None, (7, 8), (8, 10), (22, 9), (9, 12)])
+def test_a_map_that_waits_for_its_hours_is_told(caplog):
+    """It may be written before these come, where a map that is built at once would be a mistake."""
+    site = dataclasses.replace(SITE, hours=(9, 12))
+    told = UpdatedMap("tc_cliff", site)
+    told.add(MONDAY, "hall")
+    assert told.written().hours == {} and "none of the hours [9, 12] of its site yet" in caplog.text
+    with pytest.raises(DataError, match="of which the site's `hours`"):
+        modlhmp.build_map("tc_cliff", MONDAY, site)
+
+
+@pytest.mark.parametrize("hours", [None, (7, 8), (8, 10), (22, 9)])
 @pytest.mark.parametrize("kind", [name for name in KINDS if find(name).hourly])
 def test_it_has_the_hours_of_what_is_built_at_once(kind, hours):
     """Those that the site lists, and no others; of rows of which some lie outside these, too."""
