@@ -104,7 +104,7 @@ def read_tracks(
     return tracks
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Map:
     """A map of dynamics: its `kind`, the `site` it is of, and its tables.
 
@@ -132,6 +132,11 @@ class Map:
             raise DataError(f"Map: a map of kind {self.kind} is one table, `whole`")
         if not tables:
             raise DataError(f"Map: a map of kind {self.kind} without a table; give `whole`, `hours` or both")
+
+    def __repr__(self) -> str:
+        rows = sum(len(table) for table in (self.whole, *self.hours.values()) if table is not None)
+        hours = f", hours {' '.join(map(str, self.hours))}" if self.hours else ""
+        return f"<Map: {self.kind}, {rows} rows{hours}, a step {self.site.time_step_s:g} s, {self.site.timezone}>"
 
     def save(self, path: str | Path, form: str = PARQUET, **how: Any) -> None:
         """Write it to `path`: a Parquet file, or a folder of the hours' files for a kind that has a map per hour.
@@ -187,6 +192,13 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
         raise DataError("build_map: a position is not a number; leave such rows out")
     if len(tracks.t) and np.diff(tracks.bounds()).max() < 2:
         raise DataError("build_map: no track has two rows; are the times in the unit that was said (s, ms)?")
+    if record.hourly and len(tracks.t) and site.listed_hours:
+        seen = np.unique(clock_hours(tracks.t, site.timezone)).tolist()
+        if not set(seen) & set(site.listed_hours):
+            raise DataError(
+                f"build_map({kind!r}): the tracks are of the hours {', '.join(map(str, seen))} of {site.timezone}, of "
+                f"which the site's `hours` {list(site.hours or ())} have none; correct the hours, or the time zone"
+            )
     try:
         built = Map(kind, site, *build_tables(kind, tracks, site, options))
     except MemoryError:
@@ -221,6 +233,11 @@ def load_map(
     if not is_parquet(path, form):
         of_place = site_of(site)
         kind, whole, hours = read_tables(path, form, of_place, origin_m, **how)
+        if hours and site is None and (form == "histogram" or not path.is_file()):
+            logging.getLogger("modlhmp").warning(
+                "load_map: %s: its hours are taken for those of UTC; say whose they are by site=modlhmp.Site("
+                "timezone=...), or --timezone", path,
+            )  # fmt: skip
         return Map(kind, of_place, whole, hours)
     asked = {"site": site, "origin_m": origin_m, **how}
     if given := [name for name, value in asked.items() if value is not None]:
@@ -330,7 +347,7 @@ def predictor(
     if record.forecasts is None:
         raise DataError(f"a map of kind {record.name!r} has no forecaster; it serves other methods")
     if not (exits is None or isinstance(exits, bool) or (isinstance(exits, Map) and exits.kind == "exits")):
-        raise DataError(f"exits {exits!r}: give True, False, or a map of kind `exits`")
+        raise DataError(f"exits {exits!r:.120}: give True, False, or a map of kind `exits`")
     asked = {"k": k, "exits": None if exits is None else exits is not False}
     given = {**options, **{name: value for name, value in asked.items() if value is not None}}
     ways_out = exits.whole if isinstance(exits, Map) else None

@@ -20,6 +20,8 @@ from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks, gap_limit, usable_tracks, usual_step
 
 LATEST_S = 1e11  # of a time in unix s: the year 5138; one in ms is beyond
+A_MAP = "a Map (build_map, load_map, or UpdatedMap.written)"
+SHORT = 2.0**24  # a float32 holds no larger time to the second
 FASTEST_M_S = 100.0  # a recorded speed beyond is in another unit
 USUAL_M_S = 10.0  # of half of all steps: nobody walks so
 START_M = 1.0  # what a history may differ from the truth at t0
@@ -92,7 +94,7 @@ def map_kind(name: str) -> Kind:
 def free_kind(name: str) -> Kind:
     """The record of a kind that needs no map."""
     if not isinstance(name, str):
-        raise DataError(f"forecast by {type(name).__name__}: give a Map (build_map, load_map) or the name of a kind")
+        raise DataError(f"forecast by {type(name).__name__}: give {A_MAP} or the name of a kind")
     if os.sep in name or name.endswith(".parquet"):
         raise DataError(f"forecast by {name!r}: give the map that lies there, modlhmp.load_map({name!r})")
     record = find(name)
@@ -137,7 +139,9 @@ def check_tracks(where: str, tracks: Tracks, site: Site | None = None) -> None:
     apart = np.diff(tracks.t)[same]
     if len(apart) and apart.min() <= 0:
         row = int(np.flatnonzero(same)[apart.argmin()]) + 1
-        raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not after the row before; sort by track, then time")
+        short = np.abs(tracks.t[row]) > SHORT and (tracks.t == tracks.t.astype(np.float32)).all()
+        remedy = "give float64: unix times have more digits than float32" if short else "sort by track, then time"
+        raise DataError(f"{where}: row {row}: t {tracks.t[row]} is not after the row before; {remedy}")
     moved = np.hypot(np.diff(tracks.x)[same], np.diff(tracks.y)[same]) / apart
     if len(apart) and (usual := float(np.nanmedian(np.append(moved, 0.0)))) > USUAL_M_S:
         raise DataError(

@@ -29,6 +29,15 @@ def id_of(text: str, piece: int = 1) -> int:
     return LARGEST + int.from_bytes(digest, "big") % LARGEST
 
 
+def as_written(text: str, known: Iterable[str]) -> str:
+    """The remedy for an id that is one of the `known` in other digits, as 003 and 3.0 are 3; "" where there is none."""
+
+    def digits(one: str) -> str:
+        return found[1] if (found := re.fullmatch(r"0*([0-9]+?)(?:\.0*)?", one)) else one
+
+    return next((f"; write {one}, as there" for one in known if digits(one) == digits(text)), "")
+
+
 class Owners:
     """The owner's ids behind track ids: {track id: (owner's id, piece)} of all that are not plain numbers."""
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from modlhmp.api import Map, predictor
-from modlhmp.arguments import LATEST_S, unix_time, uses_recorded
+from modlhmp.arguments import LATEST_S, free_kind, unix_time, uses_recorded
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures
@@ -342,9 +342,9 @@ def _tracks_of(people: list[_Person]) -> Tracks:
 
 def _defaults(by: Any, site: Any) -> dict[str, str]:
     """The options whose default is another one here: everyone is asked who is there, and positions alone are known."""
-    kind, site = (by.kind, by.site) if isinstance(by, Map) else (by, site)
-    names = {option for option, *_ in fields_of(find(kind).options)} if isinstance(kind, str) else set()
-    found = {"samples": "pieces"} if kind in {"episodes", "pooled"} else {}
+    record, site = (find(by.kind), by.site) if isinstance(by, Map) else (free_kind(by), site)
+    names = {option for option, *_ in fields_of(record.options)}
+    found = {"samples": "pieces"} if record.name in {"episodes", "pooled"} else {}
     if "velocity" in names and getattr(site, "velocity", "") == "as_recorded":
         logging.getLogger("modlhmp").warning(
             "Live: the site has recorded velocities, but a stream has positions alone: velocity is `differences`"

@@ -30,9 +30,10 @@ import pyarrow as pa
 
 from modlhmp.angles import TWO_PI, wrap_angle
 from modlhmp.api import Map
-from modlhmp.arguments import numbers, unix_time
+from modlhmp.arguments import A_MAP, numbers, unix_time
 from modlhmp.maps import stef
 from modlhmp.maps.comparison import check_flows, direction_shares
+from modlhmp.settings import unknown
 from modlhmp.storage import DataError, column
 from modlhmp.tracks import clock_hours
 
@@ -40,6 +41,7 @@ FARTHEST = 10.0  # Mahalanobis distance; what is farther counts as much
 PIECE_M = 0.25  # a path is cut into pieces of at most this length
 DIRECTIONS = 36  # of people whom a robot meets
 MOST_PIECES = 1_000_000
+COSTS = ("upstream", "down_the_cliff", "people")
 HALF = 0.5  # of a path: a map that knows less of it is told
 _LOG = logging.getLogger("modlhmp")
 
@@ -66,6 +68,8 @@ class PathCost:
 
     def total(self, name: str) -> float:
         """The integral of `upstream`, `down_the_cliff` or `people` over the path."""
+        if name not in COSTS:
+            raise DataError(unknown("PathCost.total", "cost", name, COSTS))
         return float((getattr(self, name) * self.length).sum())
 
     @property
@@ -171,7 +175,7 @@ def _pieces(xy: np.ndarray) -> tuple[np.ndarray, ...]:
 def _table_at(a_map: Map, t: float | None) -> tuple[str, pa.Table]:
     """Kind and table of the map that serves the time `t`."""
     if not isinstance(a_map, Map):
-        raise DataError(f"path_cost: {type(a_map).__name__}: give a Map (build_map, load_map)")
+        raise DataError(f"path_cost: {type(a_map).__name__}: give {A_MAP}")
     check_flows("path_cost", a_map.kind)
     if not a_map.hours:
         table = a_map.whole

@@ -142,8 +142,20 @@ class UpdatedMap:
         self._state.half_life_h = None if half_life_h is None else float(half_life_h)
 
     def written(self) -> Map:
-        """The map in the form of its kind, as `modlhmp.build_map` gives it, which every forecaster reads."""
+        """The map in the form of its kind, as `modlhmp.build_map` gives it, which every forecaster reads.
+
+        `DataError` where it is empty, before anything is added or after everything is removed.
+        """
         whole, hours = self._state.tables()
+        if not any(len(table) for table in (whole, *hours.values()) if table is not None):
+            raise DataError(
+                f"the map of kind {self.kind} is empty: it holds nobody, or too few people who move; add tracks first"
+            )
+        if self.site.listed_hours and find(self.kind).hourly and not hours:
+            logging.getLogger("modlhmp").warning(
+                "the map of kind %s has none of the hours %s of its site yet: nobody was seen in them, or too few",
+                self.kind, list(self.site.hours or ()),
+            )  # fmt: skip
         return Map(self.kind, self.site, whole, hours)
 
     def save(self, path: str | Path) -> None:

@@ -202,6 +202,19 @@ def test_few_people_make_a_map_of_the_whole_day_alone(tmp_path):
         assert (again.kind, again.whole.num_rows, again.hours) == ("tc_cliff", ours.whole.num_rows, {})
 
 
+@pytest.mark.parametrize("kind", ["tc_cliff", "stef"])
+def test_hours_without_any_data_are_refused(kind):
+    """As where a time zone is wrong: the map of the hours that are asked for would be of nobody."""
+    night = dataclasses.replace(SITE, hours=(22, 3))
+    refused(
+        r"tracks are of the hours 7, 8 of Europe/London, .*`hours` \[22, 3\] have none",
+        modlhmp.build_map,
+        kind,
+        PEOPLE,
+        night,
+    )
+
+
 def test_hours_are_those_of_the_training_data(maps):
     free = dataclasses.replace(SITE, hours=None)
     assert list(modlhmp.build_map("tc_cliff", PEOPLE, free).hours) == [7, 8]
@@ -249,6 +262,16 @@ def test_a_map_keeps_its_site(maps):
 @pytest.mark.parametrize("exits", ["a", 3, [], np.array([1, 2])])
 def test_what_is_no_way_out(maps, exits):
     refused("give True, False", modlhmp.forecast, maps["snippets"], seen(PEOPLE), exits=exits)
+
+
+def test_a_map_is_shown_in_a_line(maps):
+    """Also where it is the wrong one: its kind and size, not its tables."""
+    shown = repr(maps["cliff"])
+    assert len(shown) < 120 and re.search(
+        rf"cliff, {maps['cliff'].whole.num_rows} rows, a step 1 s, Europe/London", shown
+    )
+    assert "hours 9 10" in repr(modlhmp.Map("tc_cliff", SITE, None, dict.fromkeys((9, 10), maps["cliff"].whole)))
+    refused(f"exits {shown}: give True, False", modlhmp.forecast, maps["snippets"], seen(PEOPLE), exits=maps["cliff"])
 
 
 @pytest.mark.parametrize("name", modlhmp.Tracks._fields)

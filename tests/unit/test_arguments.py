@@ -239,6 +239,10 @@ def test_an_unknown_place_on_earth():
         (STRAIGHT.astype("datetime64[s]"), "they are datetime64"),
         (STRAIGHT.astype(str).astype(object), "they are object"),
         (STRAIGHT > 0, "they are bool"),
+        (
+            (STRAIGHT + np.array([1.3e9, 0, 0])).astype(np.float32),
+            "row 1: t .* give float64: unix times have more digits",
+        ),
         (np.stack([STRAIGHT, STRAIGHT * [1, np.nan, 1]]), "walker 1: a position in the last 4 rows"),
         (STRAIGHT[:3], "walker 0 has 3 rows; .* give the last 4 rows or more"),
     ],
@@ -256,7 +260,9 @@ def test_networks_and_files_by_name():
     refused("the workflow trains it", modlhmp.build_map, "lstm", PEOPLE)
     refused("the workflow trains it", modlhmp.forecast, "lstm", STRAIGHT)
     refused("made of other methods' forecasts", modlhmp.forecast, "average", STRAIGHT)
-    refused("modlhmp.load_map", modlhmp.forecast, "maps/cliff.parquet", STRAIGHT)
+    for by in ("maps/cliff.parquet", "cliff.parquet"):
+        refused("give the map that lies there, modlhmp.load_map", modlhmp.forecast, by, STRAIGHT)
+        refused("give the map that lies there, modlhmp.load_map", modlhmp.Live, by)
 
 
 def test_maps_without_people_are_refused():

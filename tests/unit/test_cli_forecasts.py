@@ -54,7 +54,7 @@ def test_a_forecast_is_the_library_s(folder):
     seen = CROWD.seen_by(at, rows=4)._replace(speed=np.nan * CROWD.seen_by(at, rows=4).t)
     a_map = modlhmp.load_map(folder / "hall.parquet")
     expected = modlhmp.forecast(a_map, seen).forecast.samples
-    assert got.columns.tolist() == ["track_id", "t0", "sample", "step", "x", "y"]
+    assert got.columns.tolist() == ["track_id", "t0", "sample", "step", "t", "x", "y"]
     assert set(got["track_id"]) == {"P3"} and set(got["t0"]) == {at}
     for (sample, step), row in got.set_index(["sample", "step"]).iterrows():
         np.testing.assert_array_equal(row[["x", "y"]].to_numpy(np.float32), expected.xy[0, sample, step - 1])
@@ -80,7 +80,7 @@ def test_streams_and_files_hold_the_same(folder, tmp_path):
     walks = (folder / "walks.csv").read_text()
     arguments = ("forecast", "--map", "cvm", "--horizon", 3)
     streamed = said(*arguments, "--tracks", "-", stdin=walks)
-    assert streamed.startswith("track_id,t0,step,x,y\n")
+    assert streamed.startswith("track_id,t0,step,t,x,y\n")
     for suffix, tracks in (("csv", "walks.csv"), ("parquet", "walks.csv"), ("ndjson", "walks.parquet")):
         assert said(*arguments, "--tracks", folder / tracks, "--out", tmp_path / f"f.{suffix}") == ""
     assert (tmp_path / "f.csv").read_text() == streamed
@@ -307,6 +307,15 @@ def test_forecasts_of_others(folder, tmp_path, change, told):
         said("score", tmp_path / "f.csv", "--tracks", folder / "walks.csv")
 
 
+@pytest.mark.parametrize(("theirs", "ours"), [("3.0", "3"), ("3", "003")])
+def test_ids_in_other_digits_are_told(tmp_path, theirs, ours):
+    """As tables that are read by another program have them."""
+    (tmp_path / "walks.csv").write_text("track_id,t,x,y\n" + "".join(f"{ours},{t},{t},0\n" for t in range(9)))
+    (tmp_path / "f.csv").write_text(f"track_id,t0,step,x,y\n{theirs},3,1,4,0\n")
+    told = refused("score", tmp_path / "f.csv", "--tracks", tmp_path / "walks.csv")
+    assert f"track {theirs}: nobody of that id is in" in told and told.endswith(f"; write {ours}, as there")
+
+
 def refused(*arguments):
     """What a command says that refuses, and that it has written nothing before."""
     done = CliRunner().invoke(app, [str(one) for one in arguments])
@@ -509,6 +518,37 @@ def test_a_kind_without_a_map_has_the_time_step_of_the_tracks(tmp_path, kind):
     assert table("score", tmp_path / "f.csv", *of)["horizon_s"].iloc[-1] == pytest.approx(3.2)
     if kind == "dataset":
         assert table("forecast", "--map", "cvm", *of)["step"].max() == 8
+
+
+@pytest.mark.parametrize("way", ["csv", "parquet", "stream"])
+def test_forecasts_say_how_long_their_steps_are(tmp_path, way):
+    """Of a map of 0.4 s, scored against a table whose rows could be brought to any time step."""
+    walks = of_steps(tmp_path, 0.4) / "walks.csv"
+    tracks = modlhmp.read_tracks(tmp_path / "hall.yaml", data_root=walks.parent)
+    a_map = modlhmp.build_map("snippets", tracks, modlhmp.Site(time_step_s=0.4, horizon_s=3.2))
+    a_map.save(tmp_path / "map.parquet")
+    at = float(tracks.t[tracks.track_id == 3][9])
+    file = "-" if way == "stream" else tmp_path / f"f.{way}"
+    made = said("forecast", "--map", tmp_path / "map.parquet", "--tracks", walks, "--at", at, "--best", "--out", file)
+    arguments = ("score", file, "--tracks", walks)
+    found = table(*arguments, stdin=made)
+    of = found[found["protocol"] == "complete"].set_index("horizon_s")["ade_m"]
+    after = np.flatnonzero((tracks.track_id == 3) & (tracks.t > at + 1e-6))[:8]
+    best = modlhmp.forecast(a_map, tracks.seen_by(at, rows=4)).best[0]
+    expected = np.hypot(best[:, 0] - tracks.x[after], best[:, 1] - tracks.y[after]).mean()
+    assert of.index[-1] == pytest.approx(3.2) and of.iloc[-1] == pytest.approx(expected, rel=1e-4)
+    done = CliRunner().invoke(app, [str(one) for one in (*arguments, "--time-step", 1)], input=made)
+    assert "--time-step 1: a step of" in str(done.exception) and "is 0.4 s; leave it out" in str(done.exception)
+
+
+@pytest.mark.parametrize("called", [{}, {"track_id": "person"}])
+def test_a_time_step_that_nobody_says_is_asked_for(tmp_path, called):
+    """Of forecasts without seconds, whose truth could be brought to any step; a step that is said is used."""
+    walks = of_steps(tmp_path, 0.4) / "walks.csv"
+    pd.read_csv(walks).rename(columns=called).to_csv(walks, index=False)
+    (tmp_path / "f.csv").write_text("track_id,t0,step,x,y\n3,1300000004,1,0,0\n")
+    told = refused("score", tmp_path / "f.csv", "--tracks", walks)
+    assert "f.csv does not say how long its steps are: give --time-step, that of the forecasts" in told
 
 
 def test_a_map_of_another_time_step_is_refused(folder, tmp_path):

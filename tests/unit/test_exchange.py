@@ -306,6 +306,19 @@ def test_walkers_of_another_frame(maps):
     refused(message, check_frame, "here", [table], x + 500_000.123, np.full(11, 4_123_456.789))
 
 
+@pytest.mark.parametrize("kind", ["tc_cliff", "stef"])
+def test_whose_hours_they_are_is_asked(maps, tmp_path, caplog, kind):
+    """Files named by hours do not say of which time zone; a map that is the same all day needs none."""
+    form = "online" if kind == "tc_cliff" else "stef_csv"
+    maps[kind].save(tmp_path / "hours", form=form)
+    modlhmp.load_map(tmp_path / "hours", form, site=SITE)
+    if kind == "stef":
+        modlhmp.load_map(next((tmp_path / "hours").glob("0*")), form)
+    assert "taken for those of UTC" not in caplog.text
+    modlhmp.load_map(tmp_path / "hours", form)
+    assert "hours are taken for those of UTC; say whose they are by site=modlhmp.Site(timezone=...)" in caplog.text
+
+
 def test_a_forecast_far_from_a_published_map_is_told(maps, tmp_path, caplog):
     maps["cliff"].save(tmp_path / "a.csv", form="matlab")
     theirs = modlhmp.load_map(tmp_path / "a.csv", form="matlab")
@@ -384,6 +397,29 @@ def test_a_header_tells_the_order(write, order):
     columns = 11 if order == "matlab" else 10
     names = f"x,y,motion_{middle}," + ",".join(f"c{n}" for n in range(columns - 4)) + "\n"
     assert imported(modlhmp.load_map(write(names + rows)).whole)["form"] == order
+
+
+IN_ORDER = {
+    "matlab": "x,y,Heading,Speed,var_heading,cov,cov,var_speed,weight,p,q",
+    "online": "x,y,velocity,motion_angle,cov1,cov2,cov3,cov4,weight,motion_ratio",
+    "stef_csv": "x,y,theta_1,theta_2,theta_3,theta_4",
+}
+
+
+@pytest.mark.parametrize("form", IN_ORDER)
+def test_columns_that_a_header_has_in_another_order_are_refused(write, caplog, form):
+    """Wherever two columns are swapped that it tells apart; names that nobody knows are told."""
+    names = IN_ORDER[form].split(",")
+    rows = "0,0,1,0,0,0\n1,0,0.5,0.5,0,0\n" if form == "stef_csv" else field(form)
+    known = [name for name in names if not name.startswith("cov")]
+    assert len(modlhmp.load_map(write(",".join(names) + "\n" + rows), form=form).hours or [1])
+    assert ("unknown names of columns" in caplog.text) == (len(known) < len(names))
+    for one, other in itertools.combinations(range(len(names)), 2):
+        swapped = list(names)
+        swapped[one], swapped[other] = names[other], names[one]
+        if {names[one], names[other]} <= set(known) and {names[one], names[other]} != {"p", "q"}:
+            told = f"column {one + 1} is called {swapped[one]}, where form {form} has .* bring the columns"
+            refused(told, modlhmp.load_map, write(",".join(swapped) + "\n" + rows), form=form)
 
 
 # --- defects ----------------------------------------------------------------------------------------------------------

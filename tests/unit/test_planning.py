@@ -207,6 +207,12 @@ def test_what_the_map_does_not_know_is_drawn_apart(tmp_path, monkeypatch):
     assert np.nanmin(unknown.get_xdata()) > max(x for segment in known.get_segments() for x in segment[:, 0])
 
 
+def test_a_cost_that_there_is_not():
+    cost = modlhmp.path_cost(cliff_map(EAST), [(5, 10), (15, 10)])
+    with pytest.raises(DataError, match="no cost named 'upsteam'; did you mean 'upstream'"):
+        cost.total("upsteam")
+
+
 def test_what_has_no_flow():
     path = [(0, 0), (1, 1)]
     refused("a map of kind exits holds no flows", modlhmp.build_map("exits", crowd(), SITE), path)

@@ -378,6 +378,26 @@ def test_the_three_ways_to_one_path(task, tmp_path):
     np.testing.assert_allclose(result("mean")[1][0], np.column_stack([x.mean(axis=1), y.mean(axis=1)]), rtol=1e-6)
 
 
+def test_a_median_does_not_depend_on_who_else_is_handed_in(task, tmp_path):
+    """To the bit, whether the others have samples near each other or far apart, or more of them."""
+    table = straight(task, 3)
+    table["probability"] = table["sample"].map({0: 0.2, 1: 0.5, 2: 0.3})
+    table["x"] += table["sample"] * table["track_id"] ** 2
+    more = table[(table["track_id"] == 5) & (table["sample"] == 2)]
+    table.loc[more.index, "probability"] = 0.15
+    table = pd.concat([table, more.assign(sample=3, probability=0.15)])
+
+    def medians(of):
+        handed, paths = read_hand_in(hand_in(tmp_path, task, of, "geometric_median"), task), np.empty((24, STEPS, 2))
+        for name, ids in task.ids.items():
+            paths[ids] = np.concatenate([forecast.results.xy[:, 0] for _, _, forecast in handed.forecasts(name)])
+        return paths
+
+    everybody = medians(table)
+    for number in (3, 5, 17):
+        np.testing.assert_array_equal(medians(table[table["track_id"] == number])[number], everybody[number])
+
+
 def test_the_likeliest_is_what_is_scored(task, tmp_path):
     table = straight(task, 3)
     table["probability"] = table["sample"].map({0: 0.2, 1: 0.5, 2: 0.3})
@@ -488,13 +508,24 @@ BAD = {
     ),
     "ids with a point": (
         lambda table: table.assign(track_id=table["track_id"].astype(float)),
-        ["row 2: track_id 0.0 is not in the task", "whole numbers, so write 0"],
+        ["row 2: track_id 0.0 is not in the task", "; write 0, as there"],
+    ),
+    "ids with zeros before them": (
+        lambda table: table.assign(track_id="00" + table["track_id"].astype(str)),
+        ["row 2: track_id 000 is not in the task", "; write 0, as there"],
+    ),
+    "a column without a value": (
+        lambda table: table.assign(probability=np.nan),
+        ["probability is empty or NaN in every row; fill it in, or leave the column out"],
     ),
     "clock": (lambda table: table.assign(t0=1.3e9), ["row 2: t0 1300000000: in a task t0 is 0"]),
     "column": (lambda table: table.rename(columns={"sample": "smaple"}), ["no column named 'smaple'", "'sample'"]),
     "no position": (lambda table: table.drop(columns="y"), ["no column y; it has track_id, sample, step, x"]),
     "neither step nor t": (lambda table: table.drop(columns="step"), ["one of the columns step and t is needed"]),
-    "both": (lambda table: table.assign(t=table["step"]), ["one of the columns step and t is needed"]),
+    "both, which differ": (
+        lambda table: table.assign(t=2 * table["step"]),
+        ["row 2: t 2 s is not step 1 of 1 s; leave"],
+    ),
     "empty": (lambda table: table.iloc[:0], ["it has no forecasts"]),
 }
 
@@ -556,6 +587,8 @@ def test_a_folder_with_something_else(task, tmp_path):
         ('{"track": {"f": 4, "p": 0, "x": "1", "y": 1, "prediction_number": 0, "scene_id": 0}}', "x '1' of a predic"),
         ('{"track": {"f": 4, "p": 0, "y": 1, "prediction_number": 0, "scene_id": 0}}', "x None of a prediction"),
         ("{track}", "'{track}' is no JSON object"),
+        ('{"track": {"f": 4, "p": 0, "x": 1, "y": 1, "prediction_number": 0, "scene_id": 1e300}}', "1e+300 is not the"),
+        ('{"track": {"f": 4, "p": 0, "x": 1, "y": 1, "prediction_number": 0, "scene_id": -1}}', "-1 is not the number"),
     ],
 )  # fmt: skip
 def test_bad_predictions(task, tmp_path, line, told):
@@ -565,6 +598,22 @@ def test_bad_predictions(task, tmp_path, line, told):
     with pytest.raises(DataError) as error:
         read_hand_in(tmp_path, task)
     assert "forecasts.ndjson, row 1: " in str(error.value) and told in str(error.value)
+
+
+def test_predictions_of_nobody_whom_the_task_asks_for(task, tmp_path):
+    """Every line is of a person with another number than the scene's."""
+    write_hand_in(tmp_path, task, {name: cvm(name) for name in DAYS}, "ndjson")
+    file = tmp_path / "forecasts.ndjson"
+    file.write_text(re.sub(r'"p": \d+', '"p": 99', file.read_text()))
+    with pytest.raises(DataError, match=r"row 2: p 99 of a prediction for scene 0, and likewise all: .* p = scene_id"):
+        read_hand_in(tmp_path, task)
+
+
+def test_columns_that_no_commas_separate(task, tmp_path):
+    folder = hand_in(tmp_path, task, straight(task))
+    (folder / "f.csv").write_text((folder / "f.csv").read_text().replace(",", ";"))
+    with pytest.raises(DataError, match=r"f.csv: one column named 'track_id;.*separated by commas here, not by ';'"):
+        read_hand_in(folder, task)
 
 
 # --- the forms ------------------------------------------------------------------------------------------------------

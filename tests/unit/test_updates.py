@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 import modlhmp
 from modlhmp.cli import app
 from modlhmp.contract import SITE, crowd
+from modlhmp.exchange.maps import kind_in
 from modlhmp.kinds import find
 from modlhmp.live_map import Learner
 from modlhmp.maps import cliff, swgmm
@@ -102,6 +103,18 @@ def test_what_is_added_can_be_removed(kind):
     assert_same(after, before)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_map_that_holds_nobody_is_not_written(kind, tmp_path):
+    """New, or emptied again: with it a forecaster would know nobody, and not say so."""
+    told = made(kind, MONDAY)
+    told.remove(day=_day_of(MONDAY))
+    for empty in (told, made(kind)):
+        with pytest.raises(DataError, match=f"the map of kind {kind} is empty: .*; add tracks first"):
+            empty.written()
+        empty.save(tmp_path / "state.parquet")
+        assert UpdatedMap.load(tmp_path / "state.parquet").kind == kind
+
+
 def _day_of(tracks):
     return str(np.datetime64(int(tracks.t[0]), "s").astype("datetime64[D]"))
 
@@ -139,7 +152,17 @@ def test_stef_equals_what_is_built_at_once():
             np.testing.assert_allclose(column(other, name), column(one, name), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("hours", [None, (7, 8), (8, 10), (22, 9), (9, 12)])
+def test_a_map_that_waits_for_its_hours_is_told(caplog):
+    """It may be written before these come, where a map that is built at once would be a mistake."""
+    site = dataclasses.replace(SITE, hours=(9, 12))
+    told = UpdatedMap("tc_cliff", site)
+    told.add(MONDAY, "hall")
+    assert told.written().hours == {} and "none of the hours [9, 12] of its site yet" in caplog.text
+    with pytest.raises(DataError, match="of which the site's `hours`"):
+        modlhmp.build_map("tc_cliff", MONDAY, site)
+
+
+@pytest.mark.parametrize("hours", [None, (7, 8), (8, 10), (22, 9)])
 @pytest.mark.parametrize("kind", [name for name in KINDS if find(name).hourly])
 def test_it_has_the_hours_of_what_is_built_at_once(kind, hours):
     """Those that the site lists, and no others; of rows of which some lie outside these, too."""
@@ -497,6 +520,21 @@ def test_live_forecasts_with_what_it_has_learned():
     assert live._predictor is not before
     with pytest.raises(DataError, match="kept up to date is empty: add tracks first"):
         modlhmp.Live(UpdatedMap("cliff", SITE))
+
+
+@pytest.mark.parametrize("kind", ["cliff", "tc_cliff"])
+def test_a_state_in_place_of_a_map_says_how_to_write_it_out(tmp_path, kind):
+    """Wherever a map is read or asked for; what is refused is worth weeks of recordings."""
+    kept, path = made(kind, MONDAY), tmp_path / "state.parquet"
+    kept.save(path)
+    for call in (modlhmp.load_map, kind_in):
+        with pytest.raises(
+            DataError, match=rf"state, .*of kind {kind} .*map update .*state.parquet --out MAP.*written"
+        ):
+            call(path)
+    for call in (modlhmp.forecast, modlhmp.path_cost):
+        with pytest.raises(DataError, match=r"UpdatedMap: give a Map \(build_map, load_map, or UpdatedMap.written\)"):
+            call(kept, np.zeros((4, 3 if call is modlhmp.forecast else 2)) + np.arange(4)[:, None])
 
 
 def test_what_live_has_learned_is_kept(tmp_path):

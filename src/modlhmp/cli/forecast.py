@@ -48,8 +48,8 @@ def forecast(
     speed and heading (m/s, rad); a clean recording (.parquet); a dataset file (.yaml); or any file of which `modlhmp
     inspect` can tell without doubt how it is written.
 
-    Forecasts: the columns track_id, t0 (s), sample, step (time steps after t0), x, y (m); a sample that ends has no
-    rows from then on. docs/command-line.md has the forms and the exit codes.
+    Forecasts: the columns track_id, t0 (s), sample, step and t (time steps and s after t0), x, y (m); a sample that
+    ends has no rows from then on. docs/command-line.md has the forms and the exit codes.
     """
     import modlhmp  # noqa: PLC0415 - other commands need none of it
 
@@ -150,7 +150,7 @@ def _write(futures: Any, owners: dict[int, str], out: str, best: bool) -> None:
             predictions_as_lines(scenes, futures.track_id, frames, forecast, site.observed_rows, site.time_step_s), out
         )
     else:
-        table = long_table(futures.track_id, futures.t0, forecast, owners)
+        table = long_table(futures.track_id, futures.t0, forecast, owners, site.time_step_s)
         write_columns([table], out, site=as_plain(site))
     if out != STREAM:
         typer.echo(f"Written: {out}", err=True)

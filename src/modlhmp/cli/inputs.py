@@ -24,6 +24,7 @@ from modlhmp.storage import DataError, no_folder
 from modlhmp.tracks import Tracks, owner_ids, owner_texts, usual_step
 
 STREAM = "-"
+SAME = 1e-3  # of two time steps that are said, relative
 OF_FILES = {
     *(".csv", ".html", ".json", ".jsonl", ".ndjson", ".npz", ".parquet", ".pdf", ".png", ".svg", ".txt", ".xml"),
     *(".yaml", ".yml"),
@@ -64,8 +65,10 @@ class Walkers(NamedTuple):
     site: Site
 
 
-def read_walkers(path: str, time_step_s: float | None, data_root: Path) -> Walkers:
+def read_walkers(path: str, time_step_s: float | None, data_root: Path, in_doubt: str = "") -> Walkers:
     """Tracks of a file by the `time_step_s`; None: by that of the dataset file or clean recording, of others 1 s.
+
+    Others are brought to 1 s, unless nobody can say so: then the `DataError` ends with what is `in_doubt`.
 
     A table with columns track_id, t, x, y (`exchange.tracks`) is taken as it is where its rows are a time step apart,
     as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), which lie
@@ -78,13 +81,14 @@ def read_walkers(path: str, time_step_s: float | None, data_root: Path) -> Walke
             from modlhmp.recordings import clean_all  # noqa: PLC0415
 
             dataset = load_dataset(file, data_root)
-            _check_step(shown, dataset.time_step_s, time_step_s)
+            _check_step(shown, dataset.time_step_s, time_step_s, (1 - SAME, 1 + SAME))
             return Walkers(*clean_all(dataset), dataset.has_velocity, site_from(as_plain(dataset), path))
         if file.suffix == ".parquet":
             tracks, names = read_tracks_table(file)
             site = site_of_tracks(shown, tracks)
             _check_step(shown, usual_step(tracks), time_step_s)
             return Walkers(tracks, names | owner_ids(file), _has_speeds(tracks), site)
+        in_doubt = in_doubt if time_step_s is None else ""
         time_step_s = Site().time_step_s if time_step_s is None else time_step_s
         site = Site(time_step_s=time_step_s)
         try:
@@ -93,7 +97,11 @@ def read_walkers(path: str, time_step_s: float | None, data_root: Path) -> Walke
                 step = usual_step(tracks)
                 if np.isnan(step) or STEPS_APART[0] <= step / time_step_s <= STEPS_APART[1]:
                     return Walkers(tracks, names, _has_speeds(tracks), site)
+                if in_doubt:
+                    raise DataError(f"{shown}: rows every {step:.4g} s, and {in_doubt}")
                 typer.echo(f"{shown}: rows every {step:.4g} s, brought to a row every {time_step_s:g} s", err=True)
+            if in_doubt:
+                raise DataError(f"{shown}: it is to be brought to a time step, and {in_doubt}")
             form = _form_of(file, shown, time_step_s)
             tracks, account = clean_recording(file, form, Recording())
         except DataError as error:
@@ -102,12 +110,12 @@ def read_walkers(path: str, time_step_s: float | None, data_root: Path) -> Walke
         return Walkers(tracks, owner_texts(account.get("owners", {})), form.has_velocity, site)
 
 
-def _check_step(shown: str, step_s: float, wanted_s: float | None) -> None:
+def _check_step(shown: str, step_s: float, wanted_s: float | None, within: tuple[float, float] = STEPS_APART) -> None:
     """`DataError` where tracks that are taken as they are have another time step than is wanted."""
-    if wanted_s is not None and not (np.isnan(step_s) or STEPS_APART[0] <= step_s / wanted_s <= STEPS_APART[1]):
+    if wanted_s is not None and not (np.isnan(step_s) or within[0] <= step_s / wanted_s <= within[1]):
         raise DataError(
-            f"{shown}: its time step is {step_s:.4g} s, {wanted_s:g} s is needed, that of the map or of --time-step: "
-            "give the recording itself, which is brought to it, or a map and a time step that are the file's"
+            f"{shown}: its time step is {step_s:.4g} s, {wanted_s:g} s is needed, that of the map, of the forecasts or "
+            "of --time-step: give the recording itself, which is brought to it, or what has the file's time step"
         )
 
 

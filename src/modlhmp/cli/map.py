@@ -174,7 +174,7 @@ def convert(
     cat theirs.csv | modlhmp map convert - - --form online --to matlab > ours.csv
     """
     to = to or ("xml" if out.endswith(".xml") else PARQUET)
-    loaded = _load(a_map, form, Site(timezone=timezone), origin, options)
+    loaded = _load(a_map, form, None if timezone == "UTC" else Site(timezone=timezone), origin, options)
     how: dict[str, Any] = {"header": True} if header else {}
     if out != STREAM:
         check_name("OUT", loaded.kind, Path(out), to)
@@ -238,7 +238,7 @@ def compare(
         sys.stdout.write(text) if out == STREAM else write_text(out, text)
 
 
-def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] | None, options: Any) -> api.Map:
+def _load(path: str, form: str | None, site: Site | None, origin: tuple[float, float] | None, options: Any) -> api.Map:
     """The map at a path, or of standard input."""
     how = named_values(options, OF_LOAD)
     if path != STREAM:
@@ -248,6 +248,7 @@ def _load(path: str, form: str | None, site: Site, origin: tuple[float, float] |
     found = form or recognise(source)
     if found == PARQUET:
         raise DataError("standard input: Parquet is not read from a stream: give the file")
+    site = site or Site()
     kind, whole, hours = exchange.read_one(source, found, site, how)
     return api.Map(kind, site, whole, hours)
 

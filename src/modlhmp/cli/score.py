@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from modlhmp.cli.app import DATA_ROOT, DataRoot, app
-from modlhmp.cli.inputs import file_of, is_dataset, read_walkers
+from modlhmp.cli.inputs import SAME, file_of, is_dataset, read_walkers
 from modlhmp.storage import DataError
 from modlhmp.tracks import shown_s
 
@@ -27,7 +27,7 @@ def score(
         typer.Option(help="How one path comes out of several samples; a hand-in says it itself."),
     ] = "likeliest",
     time_step: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Of the forecasts [default: the tracks' own; of CSV 1]")
+        float | None, typer.Option(metavar="SECONDS", help="Of the forecasts, where their file does not say it.")
     ] = None,
     data_root: DataRoot = DATA_ROOT,
     split: Annotated[
@@ -71,7 +71,7 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
     import numpy as np  # noqa: PLC0415
 
     import modlhmp  # noqa: PLC0415
-    from modlhmp.exchange.forecasts import forecast_of, read_samples  # noqa: PLC0415
+    from modlhmp.exchange.forecasts import forecast_of, read_long, rows_of, samples_of, step_said  # noqa: PLC0415
     from modlhmp.scoring.horizons import scored_horizons  # noqa: PLC0415
     from modlhmp.scoring.protocols import PROTOCOLS  # noqa: PLC0415
 
@@ -79,11 +79,17 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
         raise DataError(f"--time-step {time_step_s:g}: give the seconds between two steps, above 0")
     if forecasts.endswith(".ndjson"):
         raise DataError(f"{forecasts}: TrajNet++'s lines have no clock and cannot be scored: write CSV or Parquet")
-    truth, owners, _, site = read_walkers(tracks, time_step_s, data_root)
-    time_step_s = site.time_step_s
     with file_of(forecasts) as (file, shown):
         try:
-            samples = read_samples(file, time_step_s)
+            table = read_long(file)
+            said_s = step_said(table)
+            if said_s and time_step_s and abs(time_step_s / said_s - 1) > SAME:
+                raise DataError(f"--time-step {time_step_s:g}: a step of {shown} is {said_s:g} s; leave it out")
+            time_step_s = time_step_s or said_s
+            in_doubt = f"{shown} does not say how long its steps are: give --time-step, that of the forecasts"
+            truth, owners, _, site = read_walkers(tracks, time_step_s, data_root, in_doubt)
+            time_step_s = time_step_s or site.time_step_s
+            samples = samples_of(rows_of(table, time_step_s, file), file)
         except DataError as error:
             raise DataError(str(error).replace(str(file), shown)) from None
     if not len(samples.track_id):
@@ -92,7 +98,7 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
     number = {owners.get(one, str(one)): one for one in truth.track_id[bounds[:-1]].tolist()}
     names = [samples.name(place) for place in range(len(samples.t0))]
     start = np.array([
-        _start(truth, number.get(name), samples, place, shown, tracks) for place, name in enumerate(names)
+        _start(truth, number, samples, place, shown, tracks) for place in range(len(names))
     ])  # fmt: skip
     samples = samples._replace(track_id=np.array([number[name] for name in names], np.int64))
     end = dict(zip(truth.track_id[bounds[:-1]].tolist(), truth.t[bounds[1:] - 1].tolist(), strict=True))
@@ -111,13 +117,19 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
             yield protocol, found.output, horizon_s, found.at(horizon_s)
 
 
-def _start(truth: Any, whose: int | None, samples: Any, place: int, shown: str, tracks: str) -> tuple[float, float]:
-    """Where the person of a forecast, whose track in `truth` it is (None: nobody), was at t0."""
+def _start(
+    truth: Any, number: dict[str, int], samples: Any, place: int, shown: str, tracks: str
+) -> tuple[float, float]:
+    """Where the person of a forecast was at t0; `number` are the tracks of `truth` by their owners' ids."""
     import numpy as np  # noqa: PLC0415
 
+    from modlhmp.ids import as_written  # noqa: PLC0415
+
     where = f"{shown}, row {samples.line[place]}: track {samples.name(place)}"
+    whose = number.get(samples.name(place))
     if whose is None:
-        raise DataError(f"{where}: nobody of that id is in {tracks}; are they of the same recording?")
+        remedy = as_written(samples.name(place), number) or "; are they of the same recording?"
+        raise DataError(f"{where}: nobody of that id is in {tracks}{remedy}")
     mine = np.flatnonzero(truth.track_id == whose)
     row = mine[np.abs(truth.t[mine] - samples.t0[place]).argmin()]
     if abs(truth.t[row] - samples.t0[place]) > 1e-3:

@@ -9,6 +9,7 @@ Nothing in the first two says which of them it is: speed and angle swap places, 
 """
 
 import logging
+import re
 
 import numpy as np
 import pyarrow as pa
@@ -16,7 +17,7 @@ import pyarrow as pa
 from modlhmp.angles import TWO_PI
 from modlhmp.exchange.components import Components, moved
 from modlhmp.exchange.repair import cliff_table
-from modlhmp.exchange.rows import Rows, Source, read_rows, table_text
+from modlhmp.exchange.rows import Rows, Source, check_names, read_rows, table_text
 from modlhmp.storage import DataError, column
 
 NEMO = ("x", "y", "mean_speed", "mean_motion_angle", "var_speed", "var_motion_angle", "coef", "weight")
@@ -38,16 +39,20 @@ MANY_NEGATIVE, FEW_NEGATIVE = 0.2, 0.02
 _LOG = logging.getLogger("modlhmp")
 
 
+def order_named(rows: Rows) -> str:
+    """`matlab`, `online` or "": which of columns 3 and 4 a header calls the angle, and which the speed."""
+    said = [meaning(name.lower()) for name in rows.header[2:4]]
+    return "matlab" if said == ["heading", "speed"] else "online" if said == ["speed", "heading"] else ""
+
+
 def order_of(rows: Rows) -> tuple[str, str]:
     """(`matlab`, `online` or "" where it is not unmistakable, why): which of columns 3 and 4 is the angle.
 
     A header's names say it. Else the angle is the column that is above pi, a speed no person has, far more often; or,
     in a map of angles from -pi to pi, the one that is negative far more often.
     """
-    names = [name.lower() for name in rows.header[2:4]]
-    for order, words in (("matlab", (_ANGLE_WORDS, _SPEED_WORDS)), ("online", (_SPEED_WORDS, _ANGLE_WORDS))):
-        if names and all(any(word in name for word in those) for name, those in zip(names, words, strict=True)):
-            return order, f"its header names columns 3 and 4 {' and '.join(rows.header[2:4])}"
+    if named := order_named(rows):
+        return named, f"its header names columns 3 and 4 {' and '.join(rows.header[2:4])}"
     third, fourth = rows.values[:, 2], rows.values[:, 3]
     above = [float((part > np.pi).mean()) for part in (third, fourth)]
     below = [float((part < 0).mean()) for part in (third, fourth)]
@@ -60,11 +65,24 @@ def order_of(rows: Rows) -> tuple[str, str]:
     return "", told
 
 
+def meaning(name: str) -> str:
+    """What a column of that name in small letters is, whichever of its names it has; "" for an unknown one."""
+    words = set(re.findall("[a-z]+", name))
+    angle, speed = (any(word in name for word in those) for those in (_ANGLE_WORDS, _SPEED_WORDS))
+    if name.startswith(("var", "cov")):
+        return "covariance" if angle and speed else "var_heading" if angle else "var_speed" if speed else ""
+    if angle != speed:
+        return "heading" if angle else "speed"
+    of_location = words & {"p", "q", "count", "ratio", "intensity"}
+    return "weight" if "weight" in words else "of the location" if of_location else name if name in {"x", "y"} else ""
+
+
 def read_order(source: Source, order: str, resolution_m: float | None) -> tuple[pa.Table, dict[str, int]]:
     """The table of a map in one of `ORDERS`, and what was repaired; `DataError` names the row."""
     rows, where = read_rows(source), source.name
     if rows.values.shape[1] not in {10, 11}:
         raise DataError(f"{where}: {rows.values.shape[1]} columns: a CLiFF-map of form {order} has 10 or 11")
+    check_names(rows, order, HEADERS[order], meaning, where)
     seen, why = order_of(rows)
     if seen and seen != order:
         _LOG.warning("%s: read as `%s`, as was said, but it looks like `%s`: %s", where, order, seen, why)

@@ -36,6 +36,8 @@ def read_columns(path: str | Path, types: Mapping[str, pa.DataType], empty: Coll
         if name in empty:
             table = table.set_column(place, name, values.fill_null(float("nan")))
         elif values.null_count:
+            if values.null_count == len(values):
+                raise DataError(f"{path}: {name} is empty or NaN in every row; fill it in, or leave the column out")
             row = int(np.argmax(values.is_null().to_numpy()))
             raise DataError(
                 f"{path}, row {line_of(path, row)}: {name} is empty or NaN; leave a row out where there is nothing"
@@ -105,6 +107,11 @@ def _csv(path: str | Path, types: Mapping[str, pa.DataType]) -> pa.Table:
             if begin:
                 first = re.split("[\r\n]", begin.decode("utf-8-sig", "replace"))[0]
                 names = next(csv.reader([first], strict=True)) or [""]
+                if len(names) == 1 and (mark := re.search(r"[;\t| ]", first)):
+                    raise DataError(
+                        f"{path}: one column named {first[:100]!r}: columns are separated by commas here, not by "
+                        f"{mark[0]!r}, and decimals begin with a point"
+                    )
                 _check_names(path, names, types)
             return pc.read_csv(
                 _Begun(begin, file),

@@ -6,7 +6,8 @@
 | `t0` | s | time of the last observed row, unix or the recording's; in the hand-in of a task 0, or left out |
 | `sample` | | which of the track's futures: a whole number from 0; left out where there is one |
 | `probability` | | of the sample, the same in all its rows; a forecast's sum to 1; left out: all alike |
-| `step` | | 1, 2, ... time steps after t0; or `t` instead: seconds after t0, on the grid of time steps |
+| `step` | | 1, 2, ... time steps after t0; or `t`, or both |
+| `t` | s | after t0, on the grid of time steps; beside `step` it tells how long a time step is |
 | `x`, `y` | m | position, in the recording's frame |
 
 A sample that ends, since the person has left, has no rows from then on.
@@ -22,7 +23,7 @@ import pyarrow as pa
 from modlhmp.exchange.columns import line_of, read_columns
 from modlhmp.exchange.tracks import numbers_of
 from modlhmp.forecasting.base import Forecast
-from modlhmp.forecasting.median import weighted_median, with_median
+from modlhmp.forecasting.median import weighted_geometric_median, with_median
 from modlhmp.forecasting.ranking import best_first
 from modlhmp.forecasting.recording import TRACKS_AT_ONCE
 from modlhmp.storage import DataError, column
@@ -90,24 +91,44 @@ class Samples(NamedTuple):
 
 def read_samples(path: str | Path, step_s: float) -> Samples:
     """The forecasts of a long table, by time steps of `step_s`; `DataError` names the file, row, value and remedy."""
-    return samples_of(read_rows(path, step_s), path)
+    return samples_of(rows_of(read_long(path), step_s, path), path)
 
 
-def read_rows(path: str | Path, step_s: float) -> Rows:
-    """The rows of a long table; texts of ids become numbers as in a recording (`modlhmp.ids`)."""
+def read_long(path: str | Path) -> pa.Table:
+    """A long table as it is; `DataError` where a column is missing."""
     table = read_columns(path, TYPES)
     missing = [name for name in ("track_id", "x", "y") if name not in table.column_names]
-    if missing or ("step" in table.column_names) == ("t" in table.column_names):
+    if missing or not {"step", "t"} & set(table.column_names):
         raise DataError(
             f"{path}: {f'no column {missing[0]}' if missing else 'one of the columns step and t is needed'}; it has "
             f"{', '.join(table.column_names)}, the form is track_id, t0, sample, probability, step or t, x, y"
         )
+    return table
+
+
+def step_said(table: pa.Table) -> float | None:
+    """The time step [s] that a long table says itself, by `t` beside `step`, as ours do; None: it does not."""
+    if {"step", "t"} <= set(table.column_names) and len(table):
+        step, t = column(table, "step"), column(table, "t")
+        last = int(np.argmax(step))  # where rounded times tell it best
+        if step[last] >= 1 and 0 < t[last] <= LATEST_S:
+            return float(f"{t[last] / step[last]:.9g}")
+    return None
+
+
+def rows_of(table: pa.Table, step_s: float, path: str | Path) -> Rows:
+    """The rows of a long table; texts of ids become numbers as in a recording (`modlhmp.ids`)."""
     n = len(table)
     ids, names = numbers_of(table["track_id"], path)
     found = {name: column(table, name) for name in table.column_names if name != "track_id"}
     line = line_of(path, 0) + np.arange(n)
     if "t" in found:
-        found["step"] = _steps_of(found.pop("t"), step_s, path, line)
+        t = found.pop("t")
+        step = _steps_of(t, step_s, path, line)
+        said = found.setdefault("step", step)
+        _refuse(path, line, (said != step) & np.isfinite(said), lambda row: (
+            f"t {t[row]:g} s is not step {said[row]:g} of {step_s:g} s; leave one of the columns out"
+        ))  # fmt: skip
     filled = {"t0": np.zeros(n), "sample": np.zeros(n), "probability": np.full(n, np.nan), **found}
     return Rows(track_id=ids, line=line, names=names, **filled)
 
@@ -247,7 +268,7 @@ def _with_path(forecast: Forecast, weight: np.ndarray, path: How | None) -> Fore
     counted = np.where(there, weight[:, :, None], 0.0)
     total = counted.sum(axis=1)
     counted /= np.where(total > 0, total, 1.0)[:, None]
-    found = weighted_median(xy, counted) if path == "geometric_median" else (counted[..., None] * xy).sum(axis=1)
+    found = _medians(xy, counted) if path == "geometric_median" else (counted[..., None] * xy).sum(axis=1)
     lived = np.where(weight > 0, alive, 0).max(axis=1)
     last = np.minimum(np.arange(xy.shape[2]), np.maximum(lived - 1, 0)[:, None])
     found = np.take_along_axis(found, last[..., None], axis=1)
@@ -260,13 +281,31 @@ def _with_path(forecast: Forecast, weight: np.ndarray, path: How | None) -> Fore
     )
 
 
+def _medians(xy: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Geometric medians [n, T, 2] at every step of futures `xy` [n, k, T, 2] that count by their `share` [n, k, T].
+
+    0 where none counts. Each is found for itself, so that nobody's depends on who else is in the file.
+    """
+    found = np.zeros((len(xy), *xy.shape[2:]))
+    for walker, step in zip(*np.nonzero(share.any(axis=1)), strict=True):
+        counts = share[walker, :, step] > 0
+        x, y = xy[walker, counts, step].astype(float).T.copy()
+        found[walker, step] = weighted_geometric_median(x, y, share[walker, counts, step], len(x))
+    return found
+
+
 def long_table(
-    track_id: np.ndarray, t0: np.ndarray, forecast: Forecast, owners: Mapping[int, str] | None = None
+    track_id: np.ndarray,
+    t0: np.ndarray,
+    forecast: Forecast,
+    owners: Mapping[int, str] | None = None,
+    step_s: float | None = None,
 ) -> pa.Table:
     """Futures of n tracks as a long table; ranked ones in the order of their ranks at the longest horizon.
 
-    `owners` are texts to write for ids. What a future gives once it has stopped is left out, and with it futures that
-    never began. Modes have probabilities; others are alike, so the fitness of ranked ones is in their order only.
+    `owners` are texts to write for ids, `step_s` is the time step, which adds `t` beside `step`. What a future gives
+    once it has stopped is left out, and with it futures that never began. Modes have probabilities; others are alike,
+    so the fitness of ranked ones is in their order only.
     """
     forecast = best_first(forecast)
     n, k, _, _ = forecast.xy.shape
@@ -283,8 +322,11 @@ def long_table(
         shares = np.exp(forecast.log_fitness[..., -1].astype(float)) * (forecast.steps_alive > 0)
         total = shares.sum(axis=1, keepdims=True)
         columns["probability"] = (shares / np.where(total > 0, total, 1.0))[walker, sample]
+    columns["step"] = step + 1
+    if step_s is not None:
+        columns["t"] = np.round(step_s * columns["step"], 9)
     xy = forecast.xy[walker, sample, step]
-    return pa.table({**columns, "step": step + 1, "x": xy[:, 0], "y": xy[:, 1]})
+    return pa.table({**columns, "x": xy[:, 0], "y": xy[:, 1]})
 
 
 def in_blocks(

@@ -170,6 +170,8 @@ def _form_of_columns(rows: Rows, where: str) -> str | None:
 
 def _order_by_name(rows: Rows, where: str) -> str:
     """Which form of a CLiFF-map it is."""
+    if named := cliff_csv.order_named(rows):
+        return named
     covariance = rows.values[:, 5:7]
     if not (abs(covariance[:, 0] - covariance[:, 1]) <= 1e-4 * (1 + abs(covariance[:, 0]))).all():
         raise DataError(

@@ -9,7 +9,6 @@ Of several datasets each has a folder of its name in it. `path` says how one pat
 
 import json
 import logging
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +22,7 @@ from modlhmp.exchange.forecasts import How, Samples, in_blocks, long_table, read
 from modlhmp.exchange.task import Task
 from modlhmp.exchange.trajnet import predictions_as_lines, read_predictions, write_lines
 from modlhmp.forecasting.base import Forecast
+from modlhmp.ids import as_written
 from modlhmp.settings import check, option
 from modlhmp.storage import DataError, refused, write_text
 
@@ -141,10 +141,9 @@ def _check_against(file: Path, samples: Samples, about: Mapping[str, Any]) -> No
     if not known.all():
         strangers = np.flatnonzero(~known)
         of = int(strangers[samples.line[strangers].argmin()])
-        whole = re.fullmatch(r"(\d+)\.0*", samples.name(of))
         raise DataError(
             f"{file}, row {samples.line[of]}: track_id {samples.name(of)} is not in the task; its tracks are 0 to "
-            f"{tasks - 1}, as in its observations" + (f": whole numbers, so write {whole[1]}" if whole else "")
+            f"{tasks - 1}, as in its observations{as_written(samples.name(of), map(str, range(tasks)))}"
         )
     if samples.t0.any():
         of = int(np.argmax(samples.t0 != 0))

@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from modlhmp.exchange import stef_forms
 from modlhmp.exchange.forms import FORMS, Form, Repaired, find_form, recognise
-from modlhmp.exchange.parquet import PARQUET, is_parquet
+from modlhmp.exchange.parquet import PARQUET, about, is_parquet
 from modlhmp.exchange.rows import Source
 from modlhmp.exchange.rows import read_source as read_stream
 from modlhmp.kinds import find
@@ -22,7 +22,7 @@ from modlhmp.maps import stef
 from modlhmp.maps.base import DAY, day_file, hour_files
 from modlhmp.settings import check
 from modlhmp.site import Site
-from modlhmp.storage import DataError, boundary, read_metadata, read_parquet, write_text
+from modlhmp.storage import DataError, boundary, read_parquet, write_text
 
 Tables = tuple[str, pa.Table | None, dict[int, pa.Table]]  # kind, of the whole day, {hour: of that hour}
 IMPORTED = b"imported"  # in a table's metadata: JSON of the file, its SHA-256, its form, and what was repaired
@@ -75,7 +75,7 @@ def _kind_in(path: Path, form: str | None) -> str:
     first = map_files(path)[0]
     if is_parquet(path, form):
         read_parquet(first, [])
-        return str(read_metadata(first).get("kind"))
+        return str(about(first)["kind"])
     source = read_source(first)
     record = find_form(form or recognise(source))
     return record.kinds[0 if first == path else -1]

@@ -34,6 +34,19 @@ def is_parquet(path: str | Path, form: str | None = None) -> bool:
         return file.read(len(MAGIC)) == MAGIC
 
 
+def about(file: Path) -> dict[str, Any]:
+    """What a file of a map says of itself, its kind and its site among that; `DataError` where it does not."""
+    found = read_metadata(file)
+    if "updated" in found:
+        raise DataError(
+            f"{file}: a state, what a map of kind {found['updated']} that is kept up to date holds: write its map out, "
+            f"`modlhmp map update {file} --out MAP`, or take UpdatedMap.load({str(file)!r}).written()"
+        )
+    if not {"kind", "site"} <= found.keys():
+        raise DataError(f"{file}: lacks its kind and its site; build it again")
+    return found
+
+
 def read_ours(path: str | Path) -> Ours:
     """A map that `Map.save` or the workflow wrote; `DataError` where it is none."""
     path = Path(path)
@@ -44,9 +57,7 @@ def read_ours(path: str | Path) -> Ours:
     whole = None if day is None else read_parquet(day)
     parts = [*files.items(), *([] if day is None else [(None, day)])]
     first = parts[0][1]
-    origin = read_metadata(first)
-    if not {"kind", "site"} <= origin.keys():
-        raise DataError(f"{first}: lacks its kind and its site; build it again")
+    origin = about(first)
     kind = find(origin["kind"])
     if kind.hourly != path.is_dir():
         said = "one file per hour: give the folder that holds them" if kind.hourly else "one file: give that"

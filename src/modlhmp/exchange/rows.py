@@ -1,9 +1,10 @@
 """Rows of numbers of other people's text files: every row as long as the first, every field a finite number."""
 
 import io
+import logging
 import math
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import IO, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from modlhmp.storage import DataError
 
 MOST_BYTES = 32 << 20  # of a map's file, such as 350,000 components
 MOST_COLUMNS = 400  # of a table; more are histograms
+_LOG = logging.getLogger("modlhmp")
 LFS = b"version https://git-lfs"  # how a pointer begins that Git LFS leaves in a file's place
 
 
@@ -100,6 +102,25 @@ def read_rows(source: Source, most: int | None = None) -> Rows:
     if not values:
         raise DataError(f"{where}: it has no rows: the map is empty; was it built from enough data?")
     return Rows(np.array(values).reshape(-1, width), np.array(numbers), header)
+
+
+def check_names(rows: Rows, form: str, names: Sequence[str], means: Callable[[str], str], where: str) -> None:
+    """`DataError` where a header calls a column what a form, whose columns are `names`, does not have there.
+
+    `means` says what a name stands for, "" where that is unknown: such columns are taken by their places, with a word.
+    """
+    unknown = []
+    for at, (name, here) in enumerate(zip(rows.header, names, strict=False), 1):
+        said = means(name.lower())
+        if not said:
+            unknown.append(name)
+        elif said != means(here):
+            raise DataError(
+                f"{where}: column {at} is called {name}, where form {form} has {here}: bring the columns into its "
+                f"order, {','.join(names)}, or correct the header"
+            )
+    if unknown:
+        _LOG.warning("%s: unknown names of columns, taken by their places: %s", where, ", ".join(unknown)[:200])
 
 
 def finite(field: str, where: str) -> float:

@@ -15,7 +15,7 @@ import pyarrow as pa
 from modlhmp.exchange.components import Components, moved
 from modlhmp.exchange.lattice import lattice_step
 from modlhmp.exchange.repair import MOST
-from modlhmp.exchange.rows import Rows, Source, finite, lines_of, read_rows, table_text
+from modlhmp.exchange.rows import Rows, Source, check_names, finite, lines_of, read_rows, table_text
 from modlhmp.maps import fremen
 from modlhmp.maps.stef import DAY_S, evaluate, middle_of_hour
 from modlhmp.site import Site
@@ -36,6 +36,8 @@ def read_csv(source: Source, resolution_m: float | None) -> tuple[pa.Table, dict
     orientations = rows.values.shape[1] - 2
     if not 2 <= orientations <= MOST_HEADINGS:
         raise DataError(f"{where}: {orientations + 2} columns: give x, y and a weight for each of 2 directions or more")
+    names = _names(orientations)
+    check_names(rows, "stef_csv", names, lambda name: name if name in names else "", where)
     weights = rows.values[:, 2:]
     _check_weights(rows, weights, where)
     cells = _cells(rows, source)
@@ -53,9 +55,13 @@ def read_csv(source: Source, resolution_m: float | None) -> tuple[pa.Table, dict
 def write_csv(table: pa.Table, header: bool) -> str:
     """Orientation probabilities as text; readers of others take 8 directions and no header."""
     probabilities = _probabilities(table)
-    names = ("x", "y", *(f"theta_{i + 1}" for i in range(probabilities.shape[1])))
     x, y = column(table, "x"), column(table, "y")
-    return table_text([x, y, *probabilities.T], names if header else ())
+    return table_text([x, y, *probabilities.T], _names(probabilities.shape[1]) if header else ())
+
+
+def _names(orientations: int) -> tuple[str, ...]:
+    """The columns of such text."""
+    return ("x", "y", *(f"theta_{i + 1}" for i in range(orientations)))
 
 
 def constant(table: pa.Table) -> pa.Table:

@@ -24,6 +24,7 @@ from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError, write_text
 from modlhmp.tracks import Tracks
 
+MOST_SCENES = 1 << 31  # whose frames are whole numbers that a float holds
 FIELDS = ("f", "p", "x", "y", "prediction_number", "scene_id")
 
 
@@ -81,11 +82,19 @@ def read_predictions(path: str | Path, observed_rows: int, steps: int) -> Rows:
     are left out. `DataError` names the file, the row, the value and the remedy.
     """
     found: list[tuple[float, ...]] = []
-    number = 0
+    number, others = 0, ""
     for block in line_blocks(path):
         for line in block.removesuffix(b"\n").split(b"\n"):
             number += 1
-            found += _one_line(path, number, line)
+            for one, person in _one_line(path, number, line):
+                if person == one[-1]:
+                    found.append(one)
+                elif not others:
+                    others = f"row {number}: p {person:g} of a prediction for scene {one[-1]:g}"
+    if not found and others:
+        raise DataError(
+            f"{path}, {others}, and likewise all: whose future is asked for has the number of the scene, p = scene_id"
+        )
     if not found:
         raise DataError(
             f'{path}: no predictions; their lines are {{"track": {{{", ".join(f"{name!r}: ..." for name in FIELDS)}}}}}'
@@ -105,8 +114,8 @@ def read_predictions(path: str | Path, observed_rows: int, steps: int) -> Rows:
     return Rows(scenes, zero, sample, unknown, step, x, y, line.astype(np.int64), {})
 
 
-def _one_line(path: str | Path, number: int, line: bytes) -> Iterator[tuple[float, ...]]:
-    """The row of one line, if it is a primary's prediction."""
+def _one_line(path: str | Path, number: int, line: bytes) -> Iterator[tuple[tuple[float, ...], float]]:
+    """The row of one line, if it is a prediction, and of whom."""
     if not line.strip():
         return
     where = f"{path}, row {number}"
@@ -127,7 +136,6 @@ def _one_line(path: str | Path, number: int, line: bytes) -> Iterator[tuple[floa
         raise DataError(
             f"{where}: {line[:120].decode(errors='replace')!r}: NaN, or as large; a future that has ended has no rows"
         )
-    if track["scene_id"] != int(track["scene_id"]):
-        raise DataError(f"{where}: scene_id {track['scene_id']!r} is no whole number; it is a scene of the task")
-    if track["p"] == track["scene_id"]:
-        yield (number, *(float(track[name]) for name in ("f", "x", "y", "prediction_number", "scene_id")))
+    if not 0 <= track["scene_id"] < MOST_SCENES or track["scene_id"] != int(track["scene_id"]):
+        raise DataError(f"{where}: scene_id {track['scene_id']!r} is not the number of a scene; take it from the task")
+    yield (number, *(float(track[name]) for name in ("f", "x", "y", "prediction_number", "scene_id"))), track["p"]

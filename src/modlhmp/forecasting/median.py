@@ -27,23 +27,6 @@ def with_median(forecast: Forecast) -> Forecast:
     return Forecast(xy, log_fitness, alive, "median")
 
 
-def weighted_median(xy: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Geometric medians [n, T, 2] at every step of futures `xy` [n, k, T, 2] that count by `weight` [n, k, T].
-
-    Weights of a step sum to 1, or to 0 where there is nothing to be said. (For futures that are alike: `with_median`.)
-    """
-    median = (weight[..., None] * xy).sum(axis=1)
-    for _ in range(MOST_ITERATIONS):
-        apart = np.hypot(xy[..., 0] - median[:, None, :, 0], xy[..., 1] - median[:, None, :, 1])
-        pull = weight / (apart + SOFTENING_M)
-        total = pull.sum(axis=1)
-        before = median
-        median = (pull[..., None] * xy).sum(axis=1) / np.where(total > 0, total, 1.0)[..., None]
-        if np.abs(median - before).sum(axis=-1).max(initial=0.0) < TOLERANCE_M:
-            break
-    return median
-
-
 @kernel
 def fill_medians(xy, alive):
     """Fill the first of the futures `xy` [n, 1 + k, T, 2] and of their `alive` [n, 1 + k] with the others' median."""

@@ -14,6 +14,7 @@ import pandas as pd
 from modlhmp.maps import density
 from modlhmp.scoring.ttests import mean_test
 from modlhmp.site import Site
+from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks, clock_numbers
 from modlhmp.updates import UpdatedMap
 
@@ -62,8 +63,12 @@ def scores(tracks: Tracks, site: Site, half: np.ndarray | None = None) -> tuple[
 
 
 def _log_density(one: UpdatedMap, site: Site, asked: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Log densities [n] of a map as it is now."""
-    return density.load("cliff", one.written().whole, site).log_density(*asked)
+    """Log densities [n] of a map as it is now; NaN of one that is empty, such as that of an hour of few people."""
+    try:
+        whole = one.written().whole
+    except DataError:
+        return np.full(len(asked[0]), np.nan)
+    return density.load("cliff", whole, site).log_density(*asked)
 
 
 def _with_background(known, without):

@@ -11,7 +11,6 @@ import pyarrow as pa
 from modlhmp.maps import fremen, stef
 from modlhmp.maps.updated.counted import BIN_BITS, Counted, packed, unpacked
 from modlhmp.maps.updated.slots import DAY_S
-from modlhmp.storage import DataError
 from modlhmp.tracks import Tracks
 
 SPAN = 2.9  # half-lives: a window without weights of the same mean age is so long
@@ -40,7 +39,7 @@ class CountedStef(Counted):
     def tables(self) -> tuple[pa.Table | None, dict[int, pa.Table]]:
         """See `Counted`; equal to `stef.build_hours` of the same rows to rounding."""
         if not self.slots:
-            raise DataError("a STeF-map needs rows with a heading; none have been added")
+            return None, {}
         cells, signals, weights = self.sums()
         per_day, days = self.per_day, sorted({number // self.per_day for number in self.slots})
         times = (np.arange(per_day) + 0.5) * self.slot_s
