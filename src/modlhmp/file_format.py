@@ -25,6 +25,19 @@ _READER_NEEDS = {
     "delimited": ("columns",),
     "text": ("columns",),
 }
+# How a file is written, of which each reader reads a part; any of them may be given for a table of the user's own.
+_WRITTEN = (
+    "columns", "header", "separator", "decimal", "thousands", "skip_lines", "comment", "missing", "only", "without",
+    "units", "frame_rate", "row_stride", "scale", "homography", "origin_m",
+)  # fmt: skip
+_READS = {
+    **dict.fromkeys(("atc", "atc_1hz", "magni", "jupedsim", "hdf5"), ("origin_m",)),
+    "trajnet": ("frame_rate", "origin_m"),
+    "edinburgh": _READER_NEEDS["edinburgh"],
+    "edinburgh_rows": _READER_NEEDS["edinburgh_rows"],
+    "text": tuple(key for key in _WRITTEN if key not in ("separator", "row_stride")),
+    "delimited": tuple(key for key in _WRITTEN if key != "row_stride"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,6 +175,13 @@ def check_format(form: FileFormat, source: object) -> None:
     for key in _READER_NEEDS.get(form.reader, ()):
         if getattr(form, key) is None:
             raise DataError(f"{source}: reader {form.reader!r} needs the key {key!r}")
+    defaults = FileFormat()
+    for key in _WRITTEN:
+        if key not in _READS[form.reader] and getattr(form, key) != getattr(defaults, key):
+            raise DataError(
+                f"{source}: reader {form.reader!r} does not read the key {key!r}, only {', '.join(_READS[form.reader])}: "
+                "leave it out, or export the file as CSV and use `reader: delimited`"
+            )
     for unit, key in (("px", "scale"), ("frame", "frame_rate")):
         if unit in {form.units.time, form.units.length} and getattr(form, key) is None:
             raise DataError(f"{source}: units in {unit!r} need the key {key!r}")

@@ -324,7 +324,12 @@ def test_a_date_that_does_not_exist_is_refused(load):
 
 
 @pytest.mark.parametrize(
-    "clock", [{"reader": "edinburgh", "scale": 0.02}, {"units": {"time": "frame", "length": "m"}}], ids=["px", "frames"]
+    "clock",
+    [
+        {"reader": "edinburgh", "scale": 0.02, "columns": None, "header": False},
+        {"units": {"time": "frame", "length": "m"}},
+    ],
+    ids=["px", "frames"],
 )
 def test_files_without_a_clock_need_a_start(load, clock):
     recordings = [
@@ -401,6 +406,13 @@ def test_one_file_of_both_splits(load, split):
 )
 def test_splits_that_are_none_are_refused(load, split, message):
     refused(load, message, recordings=[{**MINE["recordings"][0], "split": split}])
+
+
+def test_a_split_by_column_needs_a_table(load):
+    """Where the reader has no columns everybody was trained and tested on."""
+    split = {"by": "column", "column": "set", "test": ["x"]}
+    plain = {"reader": "jupedsim", "columns": None, "header": False}
+    refused(load, "{by: column} is for", "jupedsim", recordings=[{**MINE["recordings"][0], "split": split}], **plain)
 
 
 @pytest.mark.parametrize("hours", [[9], [9, 25], [-1, 3], [9, 12, 15], ["9", "late"], [8.5, 17], [True, 17], 9])

@@ -487,6 +487,17 @@ def test_ids_of_several_columns_belong_together(write):
     assert account.owners.text(id_of("h1/B")) == "h1/B"
 
 
+def test_ids_of_several_columns_are_the_same_however_they_are_written_and_never_another_s(write):
+    """Quotes and blanks are no part of an id; nobody's rows are nobody's; a slash within a part is no border."""
+    rows = ["c1, 7,0", '"c1", 7,1', '"c1","7",2', "a/b,c,0", "a,b/c,0", "a\\,/b,0", "a,\\//b,0"]
+    nobody = [",,0", ',"",1', "c1,,2", "NaN,7,3", "c1,-1,4", "-1,-1,5"]
+    content = "\n".join(["cam,id,t,x,y", *(f"{row},0,0" for row in [*rows, *nobody]), ""])
+    tracks, account = stranger(write, content, {**BY_NAME, "track_id": ["cam", "id"]})
+    assert (tracks.track_id == id_of("c1/7")).sum() == 3
+    assert len(set(tracks.track_id.tolist())) == 5
+    assert dict(account.dropped_rows) == {"no_track_id": 4, "no_person": 2}
+
+
 def test_rows_of_others_and_what_was_not_measured_are_left_out(write):
     content = "id,class,t,x,y\n1,walker,0,3,4\n2,car,0,1,1\n1,walker,1,0,0\n1,walker,2,4,4\n"
     tracks, account = stranger(write, content, only={"class": ["walker"]}, missing={"x": 0, "y": 0})

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
+from modlhmp.ids import NOBODY, NOBODYS
 from modlhmp.readers.lines import byte_kinds, plain_ids, scan
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People, line_blocks
@@ -160,9 +161,9 @@ def _converted(field, given, converters, place):
         return given.astype(np.int64) if field == "track_id" and field in converters else given, None
     import pyarrow.compute as pc  # noqa: PLC0415 - it takes a tenth of a second, and few files have texts
 
-    joined = given[0] if len(given) == 1 else pc.binary_join_element_wise(*given, b"/")
+    joined = given[0] if len(given) == 1 else pc.binary_join_element_wise(*given, b"\n")  # which is in no field
     coded = joined.dictionary_encode()
-    texts = [one.decode("utf-8", "surrogateescape").strip() for one in coded.dictionary.to_pylist()]
+    texts = [_together(one.decode("utf-8", "surrogateescape").split("\n")) for one in coded.dictionary.to_pylist()]
     codes = coded.indices.to_numpy()
     found = [
         _meant(converters[field], text, lambda code=code: place(np.argmax(codes == code)))
@@ -173,6 +174,19 @@ def _converted(field, given, converters, place):
     column = np.array([0 if one is None else one for one in found], kind)[codes] if texts else np.empty(0, kind)
     lines = np.flatnonzero(missing[codes]) if missing.any() else np.empty(0, np.int64)
     return column, _Fault(lines, texts[codes[lines[0]]] if lines.size else "")
+
+
+def _together(fields):
+    """What a row's fields of one text say: of an id of several parts nobody's, where one of them is.
+
+    Parts stand between slashes; one that a part holds has a backslash before it, so that no two ids are written alike.
+    """
+    parts = [field.strip() for field in fields]
+    if len(parts) == 1:
+        return parts[0]
+    if nobody := [part for part in parts if part in NOBODY or part == NOBODYS]:
+        return nobody[0]
+    return "/".join(part.replace("\\", r"\\").replace("/", r"\/") for part in parts)
 
 
 def _meant(converter, text, place):
@@ -211,8 +225,8 @@ def _one_row(path, form, text, row, account, converters):
             field: number(fields[position], form.decimal, form.thousands) for field, position in form.numbers.items()
         }
         for field, positions in form.texts.items():
-            joined = "/".join(fields[position] for position in positions).strip()
-            found[field] = _meant(converters[field], joined, lambda: f"{path}, row {row}")
+            text = _together([fields[position] for position in positions])
+            found[field] = _meant(converters[field], text, lambda: f"{path}, row {row}")
         if None not in found.values():
             return found
         account.drop_rows("text_value", 1, example)
