@@ -178,9 +178,10 @@ def check_format(form: FileFormat, source: object) -> None:
     defaults = FileFormat()
     for key in _WRITTEN:
         if key not in _READS[form.reader] and getattr(form, key) != getattr(defaults, key):
+            known = ", ".join(_READS[form.reader])
             raise DataError(
-                f"{source}: reader {form.reader!r} does not read the key {key!r}, only {', '.join(_READS[form.reader])}: "
-                "leave it out, or export the file as CSV and use `reader: delimited`"
+                f"{source}: reader {form.reader!r} does not read the key {key!r}, only {known}: leave it out, or export "
+                "the file as CSV and use `reader: delimited`"
             )
     for unit, key in (("px", "scale"), ("frame", "frame_rate")):
         if unit in {form.units.time, form.units.length} and getattr(form, key) is None:

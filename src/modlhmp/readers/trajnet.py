@@ -43,7 +43,8 @@ def read(
     `frame_rate` is of frames; without it, it is the scenes' `fps` times the usual number of frames between two rows of
     their primary, the same for all. `origin` is the unix time of frame 0, `day` and `origin_m` as in `read_delimited`.
     Lines that are neither a track nor a scene are dropped as `other_object`, predictions as `prediction`, scenes
-    without primary or frames as `bad_scene`. The others are the account's `scenes`, where the file has any; rows outside them are kept.
+    without primary or frames as `bad_scene`. The others are the account's `scenes`, where the file has any; rows
+    outside them are kept.
     """
     rows: list[tuple[int, float, float, float]] = []
     scenes: list[_Scene] = []
