@@ -110,7 +110,7 @@ def _check_number(path: str | Path, node: yaml.ScalarNode) -> None:
     if odd or (node.tag == _FLOAT and {":", "_"} & set(node.value)):
         meant = yaml.SafeLoader("").construct_object(node)
         raise DataError(
-            f"{path}, line {node.start_mark.line + 1}: {node.value} is {meant:g} to YAML: quote it if it is a text or a "
+            f"{path}, line {node.start_mark.line + 1}: {node.value} is {meant:g} to YAML: quote it if it is text or a "
             "time, or write the number without leading zeros, colons and underscores (1_000 may stay)"
         )
 

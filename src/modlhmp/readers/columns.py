@@ -19,7 +19,7 @@ from modlhmp.ids import NOBODY, NOBODYS
 from modlhmp.readers.lines import byte_kinds, plain_ids, scan
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People, line_blocks
-from modlhmp.readers.start import Form, fields_of, look_at_start, single_blanks
+from modlhmp.readers.start import Form, fields_of, is_row, look_at_start, single_blanks
 from modlhmp.storage import DataError
 
 THREADS = 2
@@ -47,7 +47,7 @@ def read_columns(
     `converters` give what a text stands for, by field: None where it is not one of its kind.
     """
     blocks = line_blocks(path)
-    form, block, row = look_at_start(path, layout, next(blocks), frozenset(converters))
+    form, block, row = look_at_start(path, layout, blocks, frozenset(converters))
     with ThreadPoolExecutor(THREADS) as pool:
         for future in _parsed_ahead(pool, form, itertools.chain([block], blocks)):
             parsed = future.result()
@@ -70,7 +70,7 @@ def parse(form: Form, block: bytes) -> Parsed:
     block = single_blanks(block) if form.separator is None else block
     separator = form.separator or " "
     numbers = np.isin(np.arange(form.width), list(form.numbers.values()))
-    comment = ord(form.comment[0]) if form.comment else -1
+    comment = form.comment.encode()[0] if form.comment else -1
     kinds = byte_kinds(separator, form.decimal)
     data = np.frombuffer(block, np.uint8)
     ends, regular = scan(data, kinds, numbers, comment)
@@ -215,7 +215,7 @@ def _one_row(path, form, text, row, account, converters):
     if not text.strip():
         account.drop_rows("blank_line", 1, example)
     elif form.comment and text.lstrip().startswith(form.comment):
-        account.drop_rows("comment_line", 1, example)
+        account.drop_rows("row_as_comment" if is_row(form, fields) else "comment_line", 1, example)
     elif form.header is not None and fields_of(text.removeprefix("\ufeff"), form.separator) == form.header:
         account.drop_rows("header_again", 1, example)
     elif len(fields) != form.width:

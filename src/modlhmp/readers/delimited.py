@@ -64,6 +64,12 @@ def read_delimited(
     rows = concatenate(pieces)
     pieces.clear()  # a fifth of the memory of what follows
     rows = last_of_step(rows, step_s, account) if has_velocity else without_repeats(rows, account)
+    if lost := account.dropped_rows["row_as_comment"]:
+        _LOG.warning(
+            "%s: %d lines that begin with %r are dropped as comments, but are rows else (first: %s); if ids begin so, "
+            'set `comment: ""`',
+            *(path, lost, layout["comment"], account.first_seen["row_as_comment"]),
+        )
     if not account.rows_read and layout.get("header"):
         raise DataError(f"{path}: names its columns, but has no row; was the export cut off?")
     if not len(rows.t):
