@@ -187,18 +187,20 @@ def check_format(form: FileFormat, source: object) -> None:
     for unit, key in (("px", "scale"), ("frame", "frame_rate")):
         if unit in {form.units.time, form.units.length} and getattr(form, key) is None:
             raise DataError(f"{source}: units in {unit!r} need the key {key!r}")
-    if form.decimal == form.separator and form.reader == "delimited":
-        raise DataError(f"{source}: decimal {form.decimal!r} is also the separator; correct one of them")
+    for key in ("decimal", "thousands") if form.reader == "delimited" else ():
+        if getattr(form, key) == form.separator and not (form.header and form.separator == ","):
+            raise DataError(
+                f"{source}: {key} {form.separator!r} is also the separator; the two can be told apart only where such "
+                "numbers are quoted and a `header` gives the number of columns: save the file with ; between columns"
+            )
     for key, mark in (("separator", form.separator), ("comment", form.comment or "#")):
         if mark.isalnum() or mark in "+-.\"'" or not (mark == "\t" or (mark.isprintable() and mark.isascii())):
             raise DataError(
                 f"{source}: {key} {mark!r}: give one printable character of ASCII that is no part of numbers, words or "
                 "quotes, such as , ; | or #"
             )
-    if form.thousands is not None and form.thousands in (form.decimal, form.separator):
-        raise DataError(
-            f"{source}: thousands {form.thousands!r} is also the decimal mark or the separator; correct one"
-        )
+    if form.thousands == form.decimal:
+        raise DataError(f"{source}: thousands {form.thousands!r} is also the decimal mark; correct one")
     if form.homography is not None and len(form.homography) != 3:
         raise DataError(f"{source}: homography: give three rows of three numbers")
     if form.homography is not None and abs(float(np.linalg.det(np.array(form.homography)))) < 1e-12:

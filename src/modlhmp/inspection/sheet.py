@@ -7,9 +7,9 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
+from modlhmp.readers.fields import fields_of
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import FILE_COLUMN, People, line_blocks
-from modlhmp.readers.start import fields_of
 from modlhmp.storage import DataError
 
 MOST_LINES = 20_000

@@ -16,10 +16,11 @@ import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
 from modlhmp.ids import NOBODY, NOBODYS
+from modlhmp.readers.fields import fields_of, single_blanks
 from modlhmp.readers.lines import byte_kinds, plain_ids, scan
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People, line_blocks
-from modlhmp.readers.start import Form, fields_of, is_row, look_at_start, single_blanks
+from modlhmp.readers.start import Form, is_row, look_at_start
 from modlhmp.storage import DataError
 
 THREADS = 2
@@ -220,16 +221,18 @@ def _one_row(path, form, text, row, account, converters):
         account.drop_rows("header_again", 1, example)
     elif len(fields) != form.width:
         account.drop_rows("wrong_column_count", 1, example)
+        account.note_unread(text)
     else:
         found = {
             field: number(fields[position], form.decimal, form.thousands) for field, position in form.numbers.items()
         }
         for field, positions in form.texts.items():
-            text = _together([fields[position] for position in positions])
-            found[field] = _meant(converters[field], text, lambda: f"{path}, row {row}")
+            given = _together([fields[position] for position in positions])
+            found[field] = _meant(converters[field], given, lambda: f"{path}, row {row}")
         if None not in found.values():
             return found
         account.drop_rows("text_value", 1, example)
+        account.note_unread(text)
     return None
 
 

@@ -18,7 +18,7 @@ from modlhmp.clock import unix_time
 from modlhmp.file_format import LENGTH_M
 from modlhmp.ids import NOBODY, NOBODYS
 from modlhmp.readers.columns import NO_ID, read_columns
-from modlhmp.readers.hints import hint, hint_of_units
+from modlhmp.readers.hints import hint, hint_of_rows, hint_of_units
 from modlhmp.readers.raw import People, line_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import last_of_step, without_repeats
@@ -81,7 +81,7 @@ def _nothing_left(path, layout, chosen, seen, account):
     """What is said of a file without a usable row."""
     first = f" (first: {next(iter(account.first_seen.values()))})" if account.first_seen else ""
     told = f"no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}{first}"
-    advice = hint(next(line_blocks(path)), layout)
+    advice = hint(next(line_blocks(path)), layout) or hint_of_rows(account.unread, layout)
     advice = f"the file {advice}" if advice else ""
     for field, (key, column) in chosen.items():
         if not advice and key == "only" and account.dropped_rows[f"other_{column}"]:

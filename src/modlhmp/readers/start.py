@@ -1,12 +1,11 @@
 """The start of a delimited file: how its lines are written, and at which position each column is."""
 
 import codecs
-import csv
-import re
 from collections.abc import Iterator, Mapping, Set
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from modlhmp.readers.fields import fields_of, single_blanks
 from modlhmp.readers.hints import hint
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People
@@ -172,20 +171,3 @@ def is_row(form: Form, fields: list[str]) -> bool:
     return len(fields) == form.width and all(
         fields[at] and number(fields[at], form.decimal, form.thousands) is not None for at in form.numbers.values()
     )
-
-
-def single_blanks(block: bytes) -> bytes:
-    """Lines whose fields are separated by runs of blanks and tabs, one blank between fields and none around them."""
-    block = re.sub(rb"[ \t]+", b" ", block)
-    return re.sub(rb"(?m)^ | (?=\r?$)", b"", block)
-
-
-def fields_of(line: str, separator: str | None) -> list[str]:
-    """Fields of a line, quotes and blanks around them removed; a line of unbalanced quotes is one field."""
-    line = line.strip("\r\n")
-    if '"' in line:
-        try:
-            return [field.strip() for field in next(csv.reader([line], delimiter=separator or " ", strict=True))]
-        except (csv.Error, StopIteration):
-            return [line]
-    return [field.strip() for field in line.split(separator or " ")]
