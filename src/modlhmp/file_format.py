@@ -141,7 +141,9 @@ class FileFormat:
         None, "three rows of three numbers that take the file's x, y, 1 to metres (times a factor)"
     )
     origin_m: tuple[int, int] | None = option(
-        None, "x and y of the local origin in the file's frame [whole metres], for national grids; plans move as well"
+        None,
+        "x and y of the local origin in the file's frame [whole metres], for national grids; plans move as well; every "
+        "reader of metres takes it",
     )
 
     accept: tuple[CheckName, ...] = option((), "checks of the recordings whose findings are known to be right")
@@ -194,7 +196,8 @@ def check_format(form: FileFormat, source: object) -> None:
                 "numbers are quoted and a `header` gives the number of columns: save the file with ; between columns"
             )
     for key, mark in (("separator", form.separator), ("comment", form.comment or "#")):
-        if mark.isalnum() or mark in "+-.\"'" or not (mark == "\t" or (mark.isprintable() and mark.isascii())):
+        shown = mark.isprintable() and (mark.isascii() or key == "comment")
+        if mark.isalnum() or mark in "+-.\"'" or not (shown or mark == "\t"):
             raise DataError(
                 f"{source}: {key} {mark!r}: give one printable character of ASCII that is no part of numbers, words or "
                 "quotes, such as , ; | or #"

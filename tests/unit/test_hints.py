@@ -159,6 +159,15 @@ def test_marks_in_some_of_the_rows(tmp_path, caplog, mark, decimal, told, share)
     assert "text_value" not in account["rows"]["dropped"]
 
 
+def test_a_decimal_comma_after_nought_is_no_thousands(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda p, t, x, y: f"{p};{t};" + f"{0.9:.3f};{y:.3f}".replace(".", ","), "id;t;x;y"
+    )
+    told = refusal(path, header=True, separator=";", columns=PLACES)
+    assert '`decimal: ","`' in told
+    assert "thousands" not in told
+
+
 def test_a_header_that_is_narrower_than_its_rows_is_no_preamble(tmp_path):
     path = file_of(tmp_path / "a.csv", lambda *row: comma(*row) + ",", "id,t,x,y")
     for columns in (PLACES, BY_POSITION):

@@ -9,8 +9,8 @@ from modlhmp.readers.fields import fields_of
 from modlhmp.readers.numerals import ALSO, number
 
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,(\d{1,2}|\d{4,})")
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}([., '\u00a0\u202f\u2019])\d{3}(?:\1\d{3})*(?:([.,])\d+)?")
+_DECIMAL_COMMA = re.compile(r"[+-]?(0,\d+|\d+,(\d{1,2}|\d{4,})|\d{4,},\d+)")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}([., '\u00a0\u202f\u2019])\d{3}(?:\1\d{3})*(?:([.,])\d+)?")
 _LEAST_COLUMNS = 3  # of a table
 _LOOKED_AT = 4096  # bytes
 _OF_BLANKS = "has columns separated by blanks: use `reader: text`"

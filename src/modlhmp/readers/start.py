@@ -84,8 +84,9 @@ def _first_row(path, layout, blocks, form):
         if begin == len(block):
             block, begin, comments = next(blocks, b""), 0, []
         if not block:
-            also = f", or lines that begin with {form.comment!r} as comments do" if comment else ""
-            raise DataError(f"{path}: has no row, only blank lines{also}; was the export cut off?")
+            also = f" or lines that begin with {form.comment!r}, as comments do" if comment else ""
+            remedy = '; if these are rows, set `comment: ""`' if comment else "; was the export cut off?"
+            raise DataError(f"{path}: has no row, only blank lines{also}{remedy}")
         end = _after_line(block, begin)
         line = block[begin:end]
         if line.strip() and not (comment and line.lstrip().startswith(comment)):
