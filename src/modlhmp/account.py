@@ -9,6 +9,7 @@ from modlhmp.ids import Owners
 from modlhmp.scenes import Scenes
 from modlhmp.tracks import Tracks
 
+MOST_UNREAD, LONGEST_UNREAD = 20, 4096  # lines, and characters of one
 LEAST_PASSED_S = 10.0  # times that fall back by less may be a recorder's jitter
 
 
@@ -16,9 +17,9 @@ class Account:
     """Counts of rows and tracks; `add_up` proves that none was lost.
 
     `beyond` is {distance [m], speed [m/s], heading [rad], time [s]: (how many values no recording can have, the median
-    of some of them)}: what tells a wrong unit from a bad row. `jumps` are rows to which an id jumped, noted by a reader
-    that leaves out rows between time steps. `scenes` are the forecasts that a file asks for itself, None where it does
-    not.
+    of some of them)}: what tells a wrong unit from a bad row. `unread` are the first lines that could not be read as
+    rows. `jumps` are rows to which an id jumped, noted by a reader that leaves out rows between time steps. `scenes`
+    are the forecasts that a file asks for itself, None where it does not.
     """
 
     def __init__(self) -> None:
@@ -34,6 +35,7 @@ class Account:
         self.owners = Owners()
         self.jumps: list[Tracks] = []
         self.scenes: Scenes | None = None
+        self.unread: list[str] = []
         self.beyond: dict[str, tuple[int, float]] = {}
         self._falls = self._far_falls = self._id_changes = 0
         self._seen = (np.inf, -np.inf, -np.inf, 0)  # the earliest, the latest and the last time, the last id
@@ -44,6 +46,11 @@ class Account:
             self.dropped_rows[reason] += int(count)
             if example is not None:
                 self.first_seen.setdefault(reason, example)
+
+    def note_unread(self, line: str) -> None:
+        """Note a line that could not be read as a row."""
+        if len(self.unread) < MOST_UNREAD:
+            self.unread.append(line[:LONGEST_UNREAD])
 
     def note_order(self, track_id: np.ndarray, t: np.ndarray) -> None:
         """Note the ids and times [s] of the file's next rows, in its order: see `starts_anew`."""

@@ -17,7 +17,8 @@ from modlhmp.account import Account
 from modlhmp.file_format import CheckName, FileFormat
 from modlhmp.motion import Moves, moves, recorded_agreement, recorded_ratio, returned_to
 from modlhmp.readers.delimited import SPEED_MPS
-from modlhmp.readers.hints import hint_of_units
+from modlhmp.readers.hints import hint_of_rows, hint_of_units
+from modlhmp.settings import as_plain
 from modlhmp.site import MOST_STEP_S
 from modlhmp.speed_units import explain, extent_of
 from modlhmp.storage import DataError
@@ -30,6 +31,7 @@ STOP_RATIO, WARN_RATIO = (0.5, 2.0), (0.7, 1.4)  # of recorded speeds to displac
 STOP_COSINE, WARN_COSINE = 0.4, 0.7  # mean, of recorded headings to displacements
 SIDES_M = (1.0, 2000.0)
 ABSURD, UNREADABLE, REPEATED, OUTSIDE, JUMPS, APART = 0.05, 0.2, 0.1, 0.1, 0.01, 1.5
+UNREADABLE_STOP = 0.5
 FLAT_M = 0.05  # people who walk spread further in either direction
 
 Severity = Literal["stop", "warn"]
@@ -108,7 +110,13 @@ def unreadable_rows(seen: Evidence) -> Told:
         return None
     first = next((account.first_seen[reason] for reason in dropped if reason in account.first_seen), "none is kept")
     told = f"{sum(dropped.values()) / account.rows_read:.0%} of the lines are dropped: {dropped} (first: {first})"
-    return "warn", told, "correct `separator`, `decimal`, `columns`, `comment`, or choose rows with `only`"
+    form = seen.form
+    layout = {**as_plain(form), "separator": None if form.reader == "text" else form.separator}
+    known = hint_of_rows(account.unread, layout)
+    nobodys = dropped.get("no_track_id", 0)  # were read
+    severity: Severity = "stop" if sum(dropped.values()) - nobodys > UNREADABLE_STOP * account.rows_read else "warn"
+    others = "correct `separator`, `decimal`, `thousands`, `columns`, `comment`, or choose rows with `only`"
+    return severity, told, f"the file {known}" if known else others
 
 
 def repeated_rows(seen: Evidence) -> Told:
@@ -291,8 +299,9 @@ class Check:
 CHECKS = (
     Check("absurd_rows", "rows farther than 10 km away or faster than 15 m/s, which are dropped", "stops above 5 %",
           "`units`, `scale`, `origin_m`", absurd_rows),
-    Check("unreadable_rows", "lines that are no rows of numbers and an id, which are dropped", "warns above 20 %",
-          "`separator`, `decimal`, `columns`, `comment`, `only`", unreadable_rows),
+    Check("unreadable_rows", "lines that are no rows of numbers and an id, which are dropped",
+          "warns above 20 %, stops where more than half cannot be read",
+          "`separator`, `decimal`, `thousands`, `columns`, `comment`, `only`", unreadable_rows),
     Check("walking_speed", "median speed of those who move, over about a second",
           "warns outside 0.8 to 1.8 m/s, stops outside 0.3 to 3",
           "`units: {length, time}`, `frame_rate`, `scale`, `row_stride`", walking_speed),

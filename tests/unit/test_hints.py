@@ -5,6 +5,7 @@ import re
 import pytest
 from planted import PLACES, people
 
+from modlhmp import read_tracks
 from modlhmp.cleaning import clean_recording
 from modlhmp.datasets import load_dataset
 from modlhmp.file_format import FileFormat, Recording
@@ -86,6 +87,7 @@ def test_text_that_is_not_utf_8(tmp_path, encoding, columns, more):
     path = file_of(tmp_path / "a.csv", line, "Fußgänger,t,x,y,number,wo", encoding)
     told = refusal(path, header=True, columns=columns, **more)
     assert "save it as UTF-8" in told
+    assert told.count(str(path)) == 1
 
 
 def test_other_columns_may_be_in_any_encoding(tmp_path):
@@ -131,6 +133,73 @@ def test_marks_of_thousands(tmp_path, mark, told):
     assert told in refusal(path, header=True, separator=";", columns=PLACES, units={"length": "mm"})
 
 
+@pytest.mark.parametrize(
+    ("mark", "decimal", "told"),
+    [
+        (",", ".", "`thousands: ','`"),
+        (".", ",", "`thousands: '.'` and `decimal: ','`"),
+        ("\u00a0", ",", "`thousands: ' '` and `decimal: ','`"),
+        ("\u202f", ",", "`thousands: ' '` and `decimal: ','`"),
+        ("\u2019", ".", '`thousands: "\'"`'),
+        ("", ",", '`decimal: ","`'),
+    ],
+)
+@pytest.mark.parametrize("share", [0.3, 0.7])
+def test_marks_in_some_of_the_rows(tmp_path, caplog, mark, decimal, told, share):
+    """Rows without a mark were read, and the others lost with a warning of something else."""
+    high = iter(range(10**6))
+
+    def line(person, t, x, y):
+        above = 90_000 if next(high) % 10 < 10 * share else 0
+        part = f"{1000 * x % 900 + above:,.1f}" if above else f"{1000 * x % 900:.0f}"
+        part = part.translate({ord(","): mark, ord("."): decimal})
+        return f"{person};{t:.0f};{part};{1000 * y:.0f}"
+
+    path, form = file_of(tmp_path / "a.csv", line, "id;t;x;y"), {"header": True, "separator": ";", "columns": PLACES}
+    form |= {"units": {"length": "mm"}, "accept": ["walking_speed", "jumps", "extent"]}
+    if share > 0.5:
+        assert told in refusal(path, **form)
+    else:
+        clean_recording(path, check(FileFormat, form, "test"), Recording())
+        assert told in caplog.text
+    marks = {"decimal": decimal, "thousands": {"\u00a0": " ", "\u202f": " ", "\u2019": "'"}.get(mark, mark or None)}
+    _, account = clean_recording(path, check(FileFormat, {**form, **marks}, "test"), Recording())
+    assert "text_value" not in account["rows"]["dropped"]
+
+
+def test_a_decimal_comma_after_nought_is_no_thousands(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda p, t, x, y: f"{p};{t};" + f"{0.9:.3f};{y:.3f}".replace(".", ","), "id;t;x;y"
+    )
+    told = refusal(path, header=True, separator=";", columns=PLACES)
+    assert '`decimal: ","`' in told
+    assert "thousands" not in told
+
+
+def test_a_header_that_is_narrower_than_its_rows_is_no_preamble(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda *row: comma(*row) + ",", "id,t,x,y")
+    for columns in (PLACES, BY_POSITION):
+        told = refusal(path, header=True, columns=columns)
+        assert "has 4 columns in its header and 5 below" in told
+        assert "skip_lines" not in told
+
+
+def test_quoted_numbers_with_commas_between_commas(tmp_path):
+    """As a German table calculation exports them: read where a header counts the columns, and asked about before."""
+
+    def line(person, t, x, y):
+        return ",".join(f'"{one:.3f}"'.replace(".", ",") if one % 1 else f"{one:.0f}" for one in (person, t, x, y))
+
+    path = file_of(tmp_path / "a.csv", line, "id,t,x,y")
+    assert '`decimal: ","`' in refusal(path, header=True, columns=PLACES).replace("'", '"')
+    form = {"header": True, "columns": PLACES, "decimal": ","}
+    tracks, account = clean_recording(path, check(FileFormat, form, "test"), Recording())
+    assert account["rows"]["dropped"] == {}
+    assert len(tracks.t) == len(ROWS)
+    with pytest.raises(DataError, match=r"decimal ',' is also the separator.*save the file with ;"):
+        read_tracks(path, columns=BY_POSITION, decimal=",")
+
+
 def test_times_of_a_clock_and_a_start_in_a_dataset_file(tmp_path):
     path = tmp_path / "d.yaml"
     path.write_text(
@@ -154,13 +223,14 @@ def test_a_text_to_choose_rows_by_that_the_file_writes_otherwise(tmp_path, key, 
     assert "writes 'pedestrian'" in told
 
 
-def test_a_text_to_choose_rows_by_that_no_row_has(tmp_path):
+def test_a_text_to_choose_rows_by_that_no_row_has(tmp_path, caplog):
     path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + ",walker", "id,t,x,y,k")
     told = refusal(path, header=True, columns=PLACES, only={"k": ["adult", "child"]})
     assert "column 'k' holds 'walker'" in told
     form = check(FileFormat, {"header": True, "columns": PLACES, "without": {"k": ["car"]}}, "test")
     tracks, _ = clean_recording(path, form, Recording())  # a recording without cars is one
     assert len(tracks.t) == len(ROWS)
+    assert "without: {k: [car]}: no row has that text; the file has 'walker'" in caplog.text  # or it is mistyped
 
 
 def test_a_preamble_before_a_line_that_is_longer_than_what_is_looked_at(tmp_path):

@@ -7,9 +7,9 @@ from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
+from modlhmp.readers.fields import fields_of
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import FILE_COLUMN, People, line_blocks
-from modlhmp.readers.start import fields_of
 from modlhmp.storage import DataError
 
 MOST_LINES = 20_000
@@ -18,10 +18,6 @@ _SEPARATORS = (";", "\t", ",", "|", None)  # None: blanks; of those that fit as 
 _MARKS = ((".", ""), (",", ""), (".", ","), (".", "'"), (".", " "), (",", "."), (",", "'"), (",", " "))  # likewise
 _LEAST_COLUMNS = 3  # of one person's file: a time and two positions
 _UNITS = {"s", "ms", "m", "cm", "mm", "m/s", "rad", "deg", "-", "", "[s]", "[m]", "[mm]", "[m/s]"}
-_BINARY = {
-    b"\x89HDF": "HDF5", b"SQLite format 3": "SQLite", b"PAR1": "Parquet", b"PK\x03\x04": "a zip archive or a workbook",
-    b"\x93NUMPY": "a numpy array", b"\x80": "a pickle", b"MATLAB": "a MATLAB file", b"ARROW1": "Arrow",
-}  # fmt: skip
 
 
 class Sheet(NamedTuple):
@@ -56,11 +52,6 @@ def first_lines(path: str | Path | People) -> list[str]:
     """The first lines of a text file; `DataError` where it is none, or in an encoding that readers do not take."""
     lines: list[str] = []
     for block in line_blocks(path):
-        if not lines:
-            kind = next((name for start, name in _BINARY.items() if block.startswith(start)), None)
-            if kind or b"\0" in block[:4096].replace(codecs.BOM_UTF16_LE, b""):
-                what = kind or "not text, or text in UTF-16"
-                raise DataError(f"{path}: is {what}; export it as CSV in UTF-8, one row for each person and time")
         lines += block.removeprefix(codecs.BOM_UTF8).decode("utf-8", "replace").splitlines()
         if len(lines) >= MOST_LINES:
             break

@@ -1,15 +1,18 @@
 """What a file looks like where it is not what was declared: the option that would read it, for messages."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import datetime, timezone
 from typing import Any
 
 from modlhmp.clock import unix_time
+from modlhmp.readers.fields import fields_of
+from modlhmp.readers.numerals import ALSO, number
 
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}([., '])\d{3}(\1\d{3})*")
+_DECIMAL_COMMA = re.compile(r"[+-]?(0,\d+|\d+,(\d{1,2}|\d{4,})|\d{4,},\d+)")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}([., '\u00a0\u202f\u2019])\d{3}(?:\1\d{3})*(?:([.,])\d+)?")
+_LEAST_COLUMNS = 3  # of a table
 _LOOKED_AT = 4096  # bytes
 _OF_BLANKS = "has columns separated by blanks: use `reader: text`"
 
@@ -23,8 +26,8 @@ def hint(block: bytes, layout: Mapping[str, Any]) -> str:
     separator = layout.get("separator", ",")
     told = _of_separator(lines, separator)
     if not told and separator is not None and not layout.get("skip_lines"):
-        told = _of_preamble(all_lines, separator)
-    return told or _of_fields(lines, layout) or _of_encoding(block)
+        told = _of_widths(all_lines, separator, layout)
+    return told or hint_of_rows(lines[1:4], layout) or _of_encoding(block)
 
 
 def _of_separator(lines, separator):
@@ -45,19 +48,30 @@ def _of_separator(lines, separator):
     return ""
 
 
-def _of_preamble(lines, separator):
-    """How many lines stand before the table."""
-    widths = [line.count(separator) for line in lines]
-    number = next((n for n, width in enumerate(widths) if width >= 2 and width == max(widths)), 0)
-    if not any(line.strip() for line in lines[:number]):
+def _of_widths(lines, separator, layout):
+    """How many lines stand before the table, or that its header has fewer columns than its rows."""
+    table = [fields_of(line, separator) for line in lines]
+    widest = max(map(len, table))
+    begin = next((n for n, row in enumerate(table) if _LEAST_COLUMNS <= len(row) == widest), 0)
+    before = [row for line, row in zip(lines, table[:begin], strict=False) if line.strip()]
+    if not before:
         return ""
-    return f"has {number} lines before its table: set `skip_lines: {number}`"
+    names = {one for one in layout["columns"].values() if isinstance(one, str)}
+    if names <= set(before[-1]) if names else len(before[-1]) == widest - 1:
+        return (
+            f"has {len(before[-1])} columns in its header and {widest} below: write all lines alike (is there a "
+            f"{separator!r} at their ends?)"
+        )
+    return f"has {begin} lines before its table: set `skip_lines: {begin}`"
 
 
-def _of_fields(lines, layout):
-    """How times and numbers are written."""
+def hint_of_rows(lines: Iterable[str], layout: Mapping[str, Any]) -> str:
+    """How times and numbers are written in rows that could not be read; empty where nothing is known."""
     separator = layout.get("separator", ",")
-    fields = [field.strip(' "') for line in lines[1:4] for field in line.split(separator)]
+    plain = (re.sub(r"[ \t]+", " ", line).strip(" ") if separator is None else line for line in lines)
+    fields = [field for line in plain for field in fields_of(line, separator)]
+    if not fields:
+        return ""
     iso = layout.get("units", {}).get("time") == "iso"
     if iso and not any(unix_time(field, "UTC") is not None for field in fields):
         return (
@@ -67,13 +81,15 @@ def _of_fields(lines, layout):
     if not iso and any(_ISO.match(field) for field in fields):
         return "has times such as 2026-03-02T09:00: set `units: {time: iso}`"
     decimal, thousands = layout.get("decimal") or ".", layout.get("thousands")
-    marked = next((found for one in fields if (found := _THOUSANDS.fullmatch(one)) and found[1] != decimal), None)
-    if marked and not thousands and separator != ",":
-        mark = marked[1]
-        also = f", or `decimal: {mark!r}` if they are decimals" if mark in ",." else ""
-        return f"has numbers such as {marked[0]}: set `thousands: {mark!r}`{also}"
-    if separator != "," and decimal != "," and any(map(_DECIMAL_COMMA.fullmatch, fields)):
+    if decimal != "," and any(map(_DECIMAL_COMMA.fullmatch, fields)):
         return 'has numbers such as 1,25: set `decimal: ","`'
+    for field in fields:
+        if (found := _THOUSANDS.fullmatch(field)) and number(field, decimal, thousands or "") is None:
+            mark = next((one for one, others in ALSO.items() if found[1] in others), found[1])
+            told = [f"`thousands: {mark!r}`"] if mark != thousands else []
+            told += [f"`decimal: {found[2]!r}`"] if found[2] not in (None, decimal) else []
+            also = f", or `decimal: {mark!r}` if they are decimals" if mark in ",." and not found[2] else ""
+            return f"has numbers such as {field}: set {' and '.join(told)}{also}" if told else ""
     return ""
 
 

@@ -3,6 +3,7 @@
 import re
 
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+ALSO = {" ": "\u00a0\u202f", "'": "\u2019"}  # marks of thousands, and what else is written for them
 _SPECIAL = frozenset({"nan", "inf", "infinity"})
 
 
@@ -16,6 +17,8 @@ def number(text: str, decimal: str = ".", thousands: str = "") -> float | None:
         return float("nan")
     if text.removeprefix("+" if text[0] == "+" else "-").lower() in _SPECIAL:
         return float(text)
+    for other in ALSO.get(thousands, ""):
+        text = text.replace(other, thousands)
     if thousands and thousands in text:
         whole, mark, rest = text.partition(decimal)
         first, *groups = whole.lstrip("+-").split(thousands)

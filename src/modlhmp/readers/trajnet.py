@@ -13,7 +13,7 @@ import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.ids import NOBODY
-from modlhmp.readers.delimited import MAX_DISTANCE_M
+from modlhmp.readers.delimited import from_origin
 from modlhmp.readers.raw import line_blocks
 from modlhmp.scenes import Scenes
 from modlhmp.storage import DataError
@@ -32,14 +32,19 @@ class _Scene(NamedTuple):
 
 
 def read(
-    path: str | Path, frame_rate: float | None, origin: float, day: tuple[float, float] | None = None
+    path: str | Path,
+    frame_rate: float | None,
+    origin: float,
+    day: tuple[float, float] | None = None,
+    origin_m: tuple[int, int] | None = None,
 ) -> tuple[Tracks, Account]:
     """Read a file into rows sorted by track and time; returns (Tracks, Account), headings unknown.
 
     `frame_rate` is of frames; without it, it is the scenes' `fps` times the usual number of frames between two rows of
-    their primary, the same for all. `origin` is the unix time of frame 0, `day` as in `read_delimited`. Lines that are
-    neither a track nor a scene are dropped as `other_object`, predictions as `prediction`, scenes without primary or
-    frames as `bad_scene`. The others are the account's `scenes`, where the file has any; rows outside them are kept.
+    their primary, the same for all. `origin` is the unix time of frame 0, `day` and `origin_m` as in `read_delimited`.
+    Lines that are neither a track nor a scene are dropped as `other_object`, predictions as `prediction`, scenes
+    without primary or frames as `bad_scene`. The others are the account's `scenes`, where the file has any; rows
+    outside them are kept.
     """
     rows: list[tuple[int, float, float, float]] = []
     scenes: list[_Scene] = []
@@ -51,6 +56,8 @@ def read(
     if not rows:
         raise DataError(f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
     person, frame, x, y = (np.array(part) for part in zip(*rows, strict=True))
+    x, y, near = from_origin(path, x, y, origin_m, account)
+    person, frame, x, y = person[near], frame[near], x[near], y[near]
     if frame_rate is None:
         frame_rate = _frame_rate(path, scenes, person, frame)
     if scenes:
@@ -122,25 +129,29 @@ def _one_line(line, number, rows, scenes, account):
         account.drop_rows("prediction", 1, example)
     elif None in values or "p" not in track:
         account.drop_rows("text_value", 1, example)
-    elif str(track["p"]) in NOBODY:
+    elif _text(track["p"]) in NOBODY:
         account.drop_rows("no_track_id", 1, example)
     elif not np.isfinite(values).all():
         account.drop_rows("nan_value", 1, example)
-    elif np.hypot(x, y) > MAX_DISTANCE_M:
-        account.drop_rows("absurd_value", 1, example)
     else:
-        rows.append((account.owners.number(str(track["p"])), frame, x, y))
+        rows.append((account.owners.number(_text(track["p"])), frame, x, y))
 
 
 def _scene(scene, number, owners):
     """A scene's primary, frames and rows per second; None where it has none."""
     first, last, fps = (_number(scene.get(name)) for name in ("s", "e", "fps"))
-    whose = str(scene.get("p"))
+    whose = _text(scene.get("p"))
     if whose in NOBODY or first is None or last is None or not -np.inf < first < last < np.inf:
         return None
     if scene.get("fps") is not None and not (fps is not None and 0 < fps < np.inf):
         return None
     return _Scene(owners.number(whose), first, last, fps, f"scene {scene.get('id', '')} (row {number})")
+
+
+def _text(person):
+    """Whose a row or a scene is: 1.0 is 1, as JSON does not tell the two apart."""
+    whole = isinstance(person, float) and person.is_integer()
+    return str(int(person)) if whole else str(person)
 
 
 def _number(value):
