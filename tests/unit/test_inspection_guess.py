@@ -454,6 +454,18 @@ def test_robots_among_the_ids(tmp_path):
     assert sum(len(part.t) for part in tracks) == (PERSON != 4).sum()
 
 
+@pytest.mark.parametrize("others", ["x_px,y_px", "px,py", "x [mm],y [mm]"])
+def test_metres_are_preferred_to_other_lengths_beside_them(tmp_path, others):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]},{T[n]:.1f},{900 * X[n]:.0f},{900 * Y[n]:.0f},{X[n]:.3f},{Y[n]:.3f}",
+        f"id,t,{others},x_m,y_m",
+    )
+    keys, _, _ = drafted(path, tmp_path)
+    assert keys["columns"] == {**PLACES, "x": "x_m", "y": "y_m"}
+    assert "units" not in keys
+
+
 @pytest.mark.parametrize("unit", ["km", "standing", "minutes of iso"])
 def test_where_nothing_gives_a_walking_speed_positions_stay_metres_and_are_asked_about(tmp_path, unit):
     def line(n):
@@ -520,6 +532,61 @@ def test_other_tables_are_refused_with_the_reason(tmp_path, content, told):
     path = tmp_path / "a.csv"
     path.write_text(content)
     assert told in refused(path)
+
+
+# --- lines that are no rows, or other rows ------------------------------------------------------------------
+
+
+def row_of(n):
+    return f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}"
+
+
+@pytest.mark.parametrize("header", ["id,t,x,y", "id,t,x,y,note", ""])
+@pytest.mark.parametrize(
+    "line",
+    [
+        lambda n: row_of(n) + ",begun" * (n >= 200),
+        lambda n: row_of(n) + ",ends" * (n < 200),
+        lambda n: row_of(n) + ",a,b" * (n % 4 == 0),
+        lambda n: row_of(n) + (',"two\nlines"' if n < 200 else ',"one"'),
+    ],
+)
+def test_rows_of_many_widths_are_refused_and_never_skipped(tmp_path, header, line):
+    told = refused(file_of(tmp_path / "a.csv", line, header))
+    assert "write all rows with as many fields" in told or "write each row in one line" in told
+    assert "such as" in told
+
+
+def test_a_few_rows_of_another_width_cost_no_header_and_are_told(tmp_path):
+    """Before any of the others, too; in a preamble they may be no rows, so that is asked."""
+    for odd in (range(2), range(48, 50)):
+        path = file_of(tmp_path / "a.csv", lambda n, odd=odd: row_of(n) + ",x" * (n not in odd), "id,t,x,y,note")
+        keys, draft, tracks = drafted(path, tmp_path)
+        assert keys["columns"] == PLACES
+        assert "skip_lines" not in keys
+        assert f"decide: rows with other than 5 fields are not read: {len(odd)} " in draft
+        assert sum(len(part.t) for part in tracks) == len(ROWS) - len(odd)
+    _, draft, tracks = drafted(file_of(tmp_path / "a.csv", row_of, "30,2,2026\n0,0,1\nid,t,x,y"), tmp_path)
+    assert "decide" in line_of(draft, "skip_lines")
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+def test_ids_that_begin_like_comments(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda n: ("#" if PERSON[n] < 3 else "") + row_of(n), "id,t,x,y")
+    assert "decide" in line_of(drafted(path, tmp_path)[1], "comment")
+    keys, _, tracks = drafted(file_of(tmp_path / "b.csv", lambda n: "#" + row_of(n), "id,t,x,y"), tmp_path)
+    assert "comment" not in keys
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+    keys, draft, _ = drafted(file_of(tmp_path / "c.csv", row_of, "# by: me\nid,t,x,y"), tmp_path)
+    assert keys["comment"] == "#"
+    assert "decide" not in line_of(draft, "comment")
+
+
+@pytest.mark.parametrize("rows", [2, 3, 4])
+def test_a_table_may_be_short(tmp_path, rows):
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["id,t,x,y", *map(row_of, range(rows))]) + "\n")
+    assert yaml.safe_load(inspect_file(path).draft)["columns"] == PLACES
 
 
 def test_columns_of_nothing_are_no_table(tmp_path):

@@ -115,7 +115,7 @@ def _of_table(path: str | Path | People) -> Guess:
     sheet = sheet._replace(rows=[row for row, kept in zip(sheet.rows, chosen.rows, strict=True) if kept])
     values = values.take(chosen.rows)
     other = joint_ids(values, columns)
-    found = Guess(_layout(sheet) | chosen.keys, dict(chosen.asks), notes=list(chosen.notes))
+    found = Guess(_layout(sheet) | chosen.keys, sheet.asks | chosen.asks, notes=[*sheet.notes, *chosen.notes])
     found.keys["columns"] = {role: sheet.called(getattr(columns, role)) for role in ("track_id", "t", "x", "y")}
     if other is not None and columns.track_id is not None:
         found.keys["columns"]["track_id"] = [sheet.called(other), sheet.called(columns.track_id)]
@@ -139,7 +139,7 @@ def _of_table(path: str | Path | People) -> Guess:
 
 def _known_form(head: bytes) -> Guess | None:
     """The formats that are known by their first bytes."""
-    text = head.decode("utf-8", "replace").lstrip("\ufeff \r\n")
+    text = head.decode("utf-8", "replace").lstrip("\ufeff \r\n").replace("\r", "\n")
     if head.startswith(b"SQLite format 3"):
         return Guess({"reader": "jupedsim"})
     if head.startswith(b"\x89HDF"):
@@ -172,7 +172,7 @@ def _layout(sheet: Sheet) -> dict[str, Any]:
         keys["decimal"] = sheet.decimal
     if sheet.thousands:
         keys["thousands"] = sheet.thousands
-    if sheet.comment and not (sheet.comment == "#" and sheet.separator is None):
+    if sheet.comment and ("comment" in sheet.asks or not (sheet.comment == "#" and sheet.separator is None)):
         keys["comment"] = sheet.comment
     if sheet.skip_lines:
         keys["skip_lines"] = sheet.skip_lines

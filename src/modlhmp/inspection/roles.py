@@ -28,6 +28,7 @@ _NAMES = {
 _ROLE = {name: role for role, names in _NAMES.items() for name in names.split()}
 _BOXES = {"x": "bbleft left xmin bbx xtl boxleft x1", "y": "bbtop top ymin bby ytl boxtop y1"}  # upper left corners
 _BOX = {name: role for role, names in _BOXES.items() for name in names.split()}
+_BEST_FIRST = {"m": 0, "cm": 1, "mm": 1, "km": 1, "ft": 1, "feet": 1, "px": 3, "pixel": 3, "pixels": 3}  # no unit: 2
 _HEIGHTS = {"z", "posz", "zpos", "positionz", "coordcentz", "zest"}
 MOST_NAME = 200  # characters of a column's name that are looked at: a search for its unit may take their square
 _UNIT = re.compile(
@@ -176,6 +177,8 @@ def _named(sheet, values):
             unit_of[position] = (
                 "frame" if plain.startswith("f") else "ms" if plain.endswith("ms") else unit_of[position]
             )
+    for role, of_box in found.keys() & {("x", False), ("y", False)}:
+        found[role, of_box].sort(key=lambda position: _BEST_FIRST.get(unit_of[position], 2))
     named = {role: positions[0] for (role, of_box), positions in found.items() if not of_box}
     for role in ("x", "y"):  # a column that holds one value is filled in, as in trackers' files of boxes
         varying = (p for of_box in (False, True) for p in found.get((role, of_box), []) if _spread(values, p) > 0)
