@@ -137,9 +137,12 @@ def test_a_simulator_s_database(tmp_path):
 
 @pytest.mark.parametrize(("site", "reader"), [("hall", "delimited"), ("forum", "edinburgh")])
 def test_the_demo_s_raw_files(tmp_path, site, reader):
-    write_recording(tmp_path / "day.txt", site, "2030-10-02", seed=1, scale=0.1)
-    keys, dataset = draft_of(tmp_path / "day.txt", tmp_path)
+    path = tmp_path / "day.txt"
+    write_recording(path, site, "2030-10-02", seed=1, scale=0.1)
+    keys, dataset = draft_of(path, tmp_path)
     assert keys["reader"] == reader
+    (tmp_path / "mac.txt").write_bytes(path.read_bytes().replace(b"\n", b"\r"))
+    assert guess(tmp_path / "mac.txt").keys == guess(path).keys
     if site == "hall":
         assert keys["columns"] == {**NUMBERED, "speed": 5, "heading": 6}
         assert keys["units"] == {"length": "mm"}

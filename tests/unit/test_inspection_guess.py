@@ -280,6 +280,9 @@ def test_quoted_ids_may_hold_the_separator(tmp_path):
         ("id,minutes,x,y", "{p},{minutes:.6f},{x:.3f},{y:.3f}", "minutes"),
         ("id,t,x,y", "{p},{minutes:.6f},{x:.3f},{y:.3f}", "minutes"),
         ("id,t,lat,lon", "{p},{t:.1f},{lat:.8f},{lon:.8f}", "project them to metres"),
+        ("id,t,x,y", "{p},{digits:08.1f},{x:.3f},{y:.3f}", "times such as 085913.0 are hours, minutes and seconds"),
+        ("id,t,x,y", "{p},20260302{whole:06d},{x:.3f},{y:.3f}", "written as one number"),
+        ("id,t,x,y", "{p},{thousandths:09.0f},{x:.3f},{y:.3f}", "written as one number"),
         ("id,t,x,y", "{p},{t:.1f},{lon:.8f},{lat:.8f}", "project them to metres"),
         ("", "{p},{t:.1f},{lat:.8f},{lon:.8f}", "project them to metres"),
         ("date,time,id,x,y", "2026-03-02,{clock},{p},{x:.3f},{y:.3f}", "write both into one column"),
@@ -293,7 +296,10 @@ def test_quoted_ids_may_hold_the_separator(tmp_path):
 )
 def test_what_no_option_reads_is_answered_with_the_remedy(tmp_path, header, line, told):
     def written(n):
+        minutes, seconds = divmod(32_353 + 1.7 * T[n] + 9 * PERSON[n], 60)
+        digits = minutes // 60 * 10_000 + minutes % 60 * 100 + seconds
         return line.format(
+            digits=digits, whole=int(digits), thousandths=1000 * digits,
             p=PERSON[n], t=T[n], x=X[n], y=Y[n], days=46083.375 + T[n] / 86400, minutes=T[n] / 60,
             lat=59.2741 + Y[n] / 111_000, lon=15.2066 + X[n] / 56_900, mm=1000 * X[n],
             unix=1772442000 + T[n], slow=5000 * T[n], clock=f"09:{int(T[n]) // 60:02d}:{T[n] % 60:04.1f}",

@@ -227,21 +227,25 @@ def _are_corners(sheet, values, owner, t, x, y):
 def _by_values(values, named, owners):
     """The (id, time, x, y) that make the smoothest tracks, ids in one of the columns `owners`."""
     times = [named["t"]] if "t" in named else range(values.numbers.shape[1])
+    owners = [owner for owner in owners if owner is None or _are_ids(values, owner)]
     found = [_score(values, owner, t, named) for t in times for owner in owners if t != owner]
     score, chosen = min((one for one in found if one is not None), default=(np.inf, None))
     return chosen if score < UNTIDY else None
+
+
+def _are_ids(values, column):
+    """Whether a column may be of ids: no fractions, of more people than one, with more rows than one."""
+    whose, kinds = values.numbers[:, column], len(np.unique(values.codes[:, column]))
+    whole = whose[np.isfinite(whose)]
+    return np.array_equal(whole, np.rint(whole)) and 1 < kinds <= 0.5 * len(whose)
 
 
 def _score(values, owner, t, named):
     """(how far from people's tracks, the columns) of one choice of id and time; `owner` None: all are one person's."""
     clock = values.numbers[:, t]
     ids = np.zeros(len(clock), np.int64) if owner is None else values.codes[:, owner]
-    whose = np.zeros(len(clock)) if owner is None else values.numbers[:, owner]
-    numeric = np.isfinite(whose)
-    fractions = numeric.any() and not np.array_equal(whose[numeric], np.rint(whose[numeric]))
     usable = np.isfinite(clock)
-    alone = owner is not None and (ids == ids[0]).all()
-    if fractions or alone or usable.mean() < 0.8 or len(np.unique(ids)) > 0.5 * len(ids):
+    if usable.mean() < 0.8 or len(clock) < 2:
         return None
     by_file = np.lexsort((np.arange(len(ids)), ids))
     same = np.diff(ids[by_file]) == 0
@@ -254,6 +258,10 @@ def _score(values, owner, t, named):
     usual = np.median(steps[steps > 0])
     even = sum(np.mean(np.abs(steps - usual) < off * usual) for off in (0.5, 0.01)) / 2
     shared = 1 - len(np.unique(clock[usable])) / usable.sum()  # several people at a time
+    untidy = np.mean(steps == 0) + (1 - abs(float(np.mean(ahead)))) + 0.5 * (1 - even) + (1 - np.mean(same))
+    untidy += 0.2 * (1 - shared)
+    if untidy >= UNTIDY:  # whatever the positions are; a wide table has many columns to look at
+        return None
     smooth = {}
     for column in range(values.numbers.shape[1]):
         part, spread = values.numbers[order, column], _spread(values, column)
@@ -265,6 +273,4 @@ def _score(values, owner, t, named):
     y = named.get("y", next((column for column in places if column != x), None))
     if x is None or y is None or x not in smooth or y not in smooth:
         return None
-    untidy = np.mean(steps == 0) + (1 - abs(float(np.mean(ahead)))) + 0.5 * (1 - even) + (1 - np.mean(same))
-    untidy += 0.2 * (1 - shared)
     return smooth[x] + smooth[y] + untidy + 0.01 * ((owner or 0) + t), (owner, t, x, y)

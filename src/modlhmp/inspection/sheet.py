@@ -12,7 +12,8 @@ from modlhmp.readers.raw import FILE_COLUMN, People, line_blocks
 from modlhmp.readers.start import fields_of
 from modlhmp.storage import DataError
 
-MOST_LINES = 20_000
+MOST_LINES, MOST_BYTES = 20_000, 1 << 23  # that are looked at: whatever comes first
+MOST_FIELDS = 100_000  # by which a separator is chosen
 _COMMENTS = "#%"
 _SEPARATORS = (";", "\t", ",", "|", None)  # None: blanks; of those that fit as well, the first one
 _MARKS = ((".", ""), (",", ""), (".", ","), (".", "'"), (".", " "), (",", "."), (",", "'"), (",", " "))  # likewise
@@ -59,6 +60,7 @@ class Sheet(NamedTuple):
 def first_lines(path: str | Path | People) -> list[str]:
     """The first lines of a text file; `DataError` where it is none, or in an encoding that readers do not take."""
     lines: list[str] = []
+    size = 0
     for block in line_blocks(path):
         if not lines:
             kind = next((name for start, name in _BINARY.items() if block.startswith(start)), None)
@@ -66,7 +68,8 @@ def first_lines(path: str | Path | People) -> list[str]:
                 what = kind or "not text, or text in UTF-16"
                 raise DataError(f"{path}: is {what}; export it as CSV in UTF-8, one row for each person and time")
         lines += block.removeprefix(codecs.BOM_UTF8).decode("utf-8", "replace").splitlines()
-        if len(lines) >= MOST_LINES:
+        size += len(block)
+        if len(lines) >= MOST_LINES or size >= MOST_BYTES:
             break
     return lines[:MOST_LINES]
 
@@ -166,7 +169,7 @@ def _fits(lines, separator):
     best: tuple[float, str | None, tuple[str, str], int, list[int]] = (0.0, separator, _MARKS[0], width, [])
     if width < _LEAST_COLUMNS:
         return best
-    rows = [row for row in rows if len(row) == width]
+    rows = [row for row in rows if len(row) == width][: MOST_FIELDS // width + 1]
     for marks in _MARKS:
         if separator in marks or (separator is None and " " in marks):
             continue
