@@ -126,7 +126,7 @@ def _are_digits_of_a_clock(clock):
     for digits in (1, 1000):
         minute, second = np.divmod(np.unique(clock[np.isfinite(clock)] // digits), 100)
         within = (second < 60) & (minute % 100 < 60) & (minute // 100 % 100 < 24)
-        if within.all() and len(np.unique(second)) >= 30 and len(np.unique(minute)) >= 5:
+        if within.all() and len(np.unique(second)) >= 30 and len(np.unique(minute)) >= 3:
             return True
     return False
 
