@@ -306,7 +306,7 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
     no_clock = file.reader.startswith("edinburgh") or file.units.time == "frame"
     for entry in file.recordings:
         if isinstance(entry.split, Split):
-            _check_split(path, entry.split)
+            _check_split(path, entry.split, file.reader)
         if file.clock == "unknown":
             if entry.day or entry.start:
                 raise DataError(
@@ -329,9 +329,13 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
             raise DataError(f'{path}: recordings: start {entry.start!r} is no clock time such as "09:00"')
 
 
-def _check_split(path: str | Path, split: Split) -> None:
+def _check_split(path: str | Path, split: Split, reader: str) -> None:
     """Whether a split says all that it needs."""
     where = f"{path}: recordings: split"
+    if split.by == "column" and reader not in ("delimited", "text"):
+        raise DataError(
+            f"{where}: {{by: column}} is for the readers delimited and text, not for {reader}; divide by time"
+        )
     if split.by == "column" and (split.column is None or not isinstance(split.test, tuple)):
         raise DataError(f"{where}: {{by: column}} needs `column`, and in `test` the texts that mean so, such as [test]")
     if split.by != "column" and isinstance(split.test, tuple):

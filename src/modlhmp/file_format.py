@@ -25,6 +25,19 @@ _READER_NEEDS = {
     "delimited": ("columns",),
     "text": ("columns",),
 }
+# How a file is written, of which each reader reads a part; any of them may be given for a table of the user's own.
+_WRITTEN = (
+    "columns", "header", "separator", "decimal", "thousands", "skip_lines", "comment", "missing", "only", "without",
+    "units", "frame_rate", "row_stride", "scale", "homography", "origin_m",
+)  # fmt: skip
+_READS = {
+    **dict.fromkeys(("atc", "atc_1hz", "magni", "jupedsim", "hdf5"), ("origin_m",)),
+    "trajnet": ("frame_rate", "origin_m"),
+    "edinburgh": _READER_NEEDS["edinburgh"],
+    "edinburgh_rows": _READER_NEEDS["edinburgh_rows"],
+    "text": tuple(key for key in _WRITTEN if key not in ("separator", "row_stride")),
+    "delimited": tuple(key for key in _WRITTEN if key != "row_stride"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,8 +122,9 @@ class FileFormat:
     decimal: Literal[".", ","] = option(".", "decimal mark")
     thousands: Literal[".", ",", " ", "'"] | None = option(None, "mark between groups of three digits, if any")
     skip_lines: WholeFrom0 = option(0, "lines before the header or the first row")
-    comment: Annotated[str, MinLen(1), MaxLen(1)] | None = option(
-        None, "lines that begin with this character are comments; `#` for reader `text`"
+    comment: Annotated[str, MaxLen(1)] | None = option(
+        None,
+        'lines that begin with this character are comments; null: `#` for reader `text`, none for others; "": none',
     )
     missing: dict[str, float] = option(
         {}, "field: value; a row that has these values in all these fields was not measured, such as {x: 0, y: 0}"
@@ -136,7 +150,7 @@ class FileFormat:
     @property
     def comment_mark(self) -> str:
         """What a comment begins with; "" where there are none."""
-        return self.comment or ("#" if self.reader == "text" else "")
+        return ("#" if self.reader == "text" else "") if self.comment is None else self.comment
 
     @property
     def has_velocity(self) -> bool:
@@ -162,11 +176,25 @@ def check_format(form: FileFormat, source: object) -> None:
     for key in _READER_NEEDS.get(form.reader, ()):
         if getattr(form, key) is None:
             raise DataError(f"{source}: reader {form.reader!r} needs the key {key!r}")
+    defaults = FileFormat()
+    for key in _WRITTEN:
+        if key not in _READS[form.reader] and getattr(form, key) != getattr(defaults, key):
+            known = ", ".join(_READS[form.reader])
+            raise DataError(
+                f"{source}: reader {form.reader!r} does not read the key {key!r}, only {known}: leave it out, or "
+                "export the file as CSV and use `reader: delimited`"
+            )
     for unit, key in (("px", "scale"), ("frame", "frame_rate")):
         if unit in {form.units.time, form.units.length} and getattr(form, key) is None:
             raise DataError(f"{source}: units in {unit!r} need the key {key!r}")
     if form.decimal == form.separator and form.reader == "delimited":
         raise DataError(f"{source}: decimal {form.decimal!r} is also the separator; correct one of them")
+    for key, mark in (("separator", form.separator), ("comment", form.comment or "#")):
+        if mark.isalnum() or mark in "+-.\"'" or not (mark == "\t" or (mark.isprintable() and mark.isascii())):
+            raise DataError(
+                f"{source}: {key} {mark!r}: give one printable character of ASCII that is no part of numbers, words or "
+                "quotes, such as , ; | or #"
+            )
     if form.thousands is not None and form.thousands in (form.decimal, form.separator):
         raise DataError(
             f"{source}: thousands {form.thousands!r} is also the decimal mark or the separator; correct one"
@@ -182,6 +210,8 @@ def check_format(form: FileFormat, source: object) -> None:
     for column in form.missing:
         if column not in ("t", "x", "y", "speed", "heading"):
             raise DataError(f"{source}: missing: no field named {column!r}; it has t, x, y, speed, heading")
+        if form.columns is not None and column not in form.columns.given():
+            raise DataError(f"{source}: missing: {column}: `columns` names no {column}; name it there, or leave it out")
     if form.columns is not None and (form.columns.speed is None) != (form.columns.heading is None):
         raise DataError(f"{source}: columns: give both speed and heading, or neither")
     if form.has_velocity and form.gap_s > (most := gap_limit(form.time_step_s)):

@@ -20,6 +20,7 @@ _NEEDED = ("image", "resolution", "origin", "occupied_thresh", "free_thresh")
 _FLAGS = {"0": False, "1": True, "false": False, "true": True}
 _MODES = {"trinary", "scale", "raw"}
 _FORMATS = ("PNG", "PPM", "BMP", "TIFF", "GIF", "JPEG")  # not all of Pillow's: for some it starts other programs
+_PHOTOMETRIC = 262  # the tag of a TIFF that says what 0 stands for
 _SAVED_UNKNOWN = 205  # the grey of 255 that map_saver writes for unknown cells
 _LOG = logging.getLogger("modlhmp")
 
@@ -138,6 +139,11 @@ def _settings_of(path):
     origin = [_number(one) for one in given] if isinstance(given, list) else []
     if len(origin) != 3 or None in origin:
         raise DataError(f"{path}: origin {reprlib.repr(given)} is not [x, y, yaw] in m and rad")
+    if abs(origin[2]) > math.tau:
+        raise DataError(
+            f"{path}: origin {reprlib.repr(given)}: a yaw of {origin[2]:g} rad is more than a whole turn; write "
+            f"{math.radians(origin[2]):.5g} if it is in degrees"
+        )
     resolution, occupied, free = (_number(listed[key]) for key in ("resolution", "occupied_thresh", "free_thresh"))
     if resolution is None or resolution <= 0:
         raise DataError(
@@ -202,6 +208,8 @@ def _bands(path, file):
     wide = image.mode.startswith("I;16") or (image.mode == "I" and image.format in {"PNG", "PPM"})
     if image.mode == "I" and not wide:  # nothing says how large white is
         raise DataError(f"{path}: image {file} has 32 bit whole numbers; save it with 8 or 16 bit")
+    # A TIFF may count from white; Pillow turns that around for 1 to 8 bit only.
+    from_white = image.format == "TIFF" and image.mode not in {"1", "L"} and image.tag_v2.get(_PHOTOMETRIC) == 0
     rows = max(_BAND_PIXELS // max(image.width, 1), 1)
     for first in range(0, image.height, rows):
         pixels = _pixels(image.crop((0, first, image.width, min(first + rows, image.height))), wide)
@@ -210,7 +218,7 @@ def _bands(path, file):
             raise DataError(
                 f"{path}: image {file} holds {wrong[0]}; numbers with a point go from 0, black, to 1, white"
             )
-        yield pixels
+        yield pixels._replace(colour=pixels.white - pixels.colour) if from_white else pixels
 
 
 def _pixels(image, wide):

@@ -14,6 +14,7 @@ from modlhmp.storage import DataError
 MOST_PEOPLE = 1_000_000  # of a file: their names are held one by one
 LARGEST = 2**62  # whole numbers below stand for themselves, numbers of texts are from here to 2^63
 NOBODY = frozenset({"", "nan", "NaN", "NA", "N/A", "null", "None"})  # how tables write that there is no id
+NOBODYS = "-1"  # the id that trackers write where they follow nobody; others below 0 are somebody's
 _PLAIN = re.compile(r"-?[1-9][0-9]{0,18}|0")
 
 

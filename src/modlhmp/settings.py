@@ -220,7 +220,9 @@ def _mistaken(hint: Any, value: Any, path: tuple[Any, ...] = (), meaning: str = 
     several = typing.get_args(hint) if typing.get_origin(hint) in {typing.Union, types.UnionType} else ()
     types_of = {hint, *(_branch(one, value) for one in several)}
     about = f" ({meaning})" if meaning else ""
-    if isinstance(value, bool) and types_of & {int, float}:
+    if isinstance(value, bool) and str in types_of:
+        yield path, f"{_dotted(path)}: {value} is not text: YAML reads on, no and yes as true or false; quote it{about}"
+    elif isinstance(value, bool) and types_of & {int, float}:
         yield path, f"{_dotted(path)}: {value} is not a number{about}"
     elif int in types_of and str not in types_of and _is_too_long(value):
         yield path, f"{_dotted(path)}: a whole number of more than 18 digits; give a smaller one{about}"

@@ -1,6 +1,7 @@
 """YAML files that people write: what is wrong in one is told with its file and line."""
 
 import itertools
+import re
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,9 @@ import yaml
 
 from modlhmp.storage import DataError, no_folder, refused
 
+_INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
+# Whole numbers that mean to everyone what they mean to YAML 1.1, for which 012 is ten, 1:30 ninety and 1_0 ten.
+_PLAIN_INT = re.compile(r"[-+]?(0|[1-9][0-9]*|[1-9][0-9]{0,2}(_[0-9]{3})+)")
 _MERGE = "tag:yaml.org,2002:merge"  # <<, of which there may be several
 MOST_CHARACTERS, MOST_VALUES, MOST_DEEP = 250_000, 100_000, 50
 
@@ -64,7 +68,7 @@ def _values(path: str | Path, text: str) -> Any:
     written = loader.get_single_node()
     if (values := _values_in(written, {})) > MOST_VALUES:
         raise DataError(f"{path}: stands for {values:.3g} values, by aliases (*) of aliases; write fewer of them")
-    _check_keys(path, written, set())
+    _check_nodes(path, written, set())
     return dates_as_text(None if written is None else loader.construct_document(written))
 
 
@@ -77,15 +81,20 @@ def _values_in(node: yaml.Node | None, known: dict[int, int]) -> int:
     return known[id(node)]
 
 
-def _check_keys(path: str | Path, node: yaml.Node | None, seen: set[int]) -> None:
-    """Whether no mapping has a key twice, of which YAML would keep the last one; each node is looked at once."""
+def _check_nodes(path: str | Path, node: yaml.Node | None, seen: set[int]) -> None:
+    """Whether numbers mean what they say, and no mapping has a key twice, of which YAML would keep the last one.
+
+    Each node is looked at once.
+    """
+    if isinstance(node, yaml.ScalarNode) and node.style is None:
+        _check_number(path, node)
     if not isinstance(node, yaml.CollectionNode) or id(node) in seen:
         return
     seen.add(id(node))
     lines: dict[tuple[str, str], int] = {}
     for part in node.value:
         for one in part if isinstance(part, tuple) else (part,):
-            _check_keys(path, one, seen)
+            _check_nodes(path, one, seen)
         if isinstance(part, tuple) and isinstance(key := part[0], yaml.ScalarNode) and key.tag != _MERGE:
             line = key.start_mark.line + 1
             if before := lines.get((key.tag, key.value)):
@@ -93,6 +102,17 @@ def _check_keys(path: str | Path, node: yaml.Node | None, seen: set[int]) -> Non
                     f"{path}, line {line}: the key {key.value!r} stands in line {before} already; keep one of the two"
                 )
             lines[key.tag, key.value] = line
+
+
+def _check_number(path: str | Path, node: yaml.ScalarNode) -> None:
+    """Whether a plain number is written as all read it."""
+    odd = node.tag == _INT and not _PLAIN_INT.fullmatch(node.value)
+    if odd or (node.tag == _FLOAT and {":", "_"} & set(node.value)):
+        meant = yaml.SafeLoader("").construct_object(node)
+        raise DataError(
+            f"{path}, line {node.start_mark.line + 1}: {node.value} is {meant:g} to YAML: quote it if it is text or a "
+            "time, or write the number without leading zeros, colons and underscores (1_000 may stay)"
+        )
 
 
 def _explained(error: yaml.MarkedYAMLError) -> str:

@@ -310,7 +310,7 @@ def text_with(**replaced):
 def test_an_unquoted_start_after_ten_is_explained(load):
     """YAML takes 10:30 for a number in base 60."""
     text = text_with(start=("split: train, start: '08:00'", "split: train, start: 10:30"))
-    refused(load, "recordings.0.start: 630 is a number, not text; quote it", '"09:00"', text=text)
+    refused(load, "line 7: 10:30 is 630 to YAML: quote it", text=text)
 
 
 def test_an_unquoted_day_is_a_date(load):
@@ -324,7 +324,12 @@ def test_a_date_that_does_not_exist_is_refused(load):
 
 
 @pytest.mark.parametrize(
-    "clock", [{"reader": "edinburgh", "scale": 0.02}, {"units": {"time": "frame", "length": "m"}}], ids=["px", "frames"]
+    "clock",
+    [
+        {"reader": "edinburgh", "scale": 0.02, "columns": None, "header": False},
+        {"units": {"time": "frame", "length": "m"}},
+    ],
+    ids=["px", "frames"],
 )
 def test_files_without_a_clock_need_a_start(load, clock):
     recordings = [
@@ -401,6 +406,13 @@ def test_one_file_of_both_splits(load, split):
 )
 def test_splits_that_are_none_are_refused(load, split, message):
     refused(load, message, recordings=[{**MINE["recordings"][0], "split": split}])
+
+
+def test_a_split_by_column_needs_a_table(load):
+    """Where the reader has no columns everybody was trained and tested on."""
+    split = {"by": "column", "column": "set", "test": ["x"]}
+    plain = {"reader": "jupedsim", "columns": None, "header": False}
+    refused(load, "{by: column} is for", "jupedsim", recordings=[{**MINE["recordings"][0], "split": split}], **plain)
 
 
 @pytest.mark.parametrize("hours", [[9], [9, 25], [-1, 3], [9, 12, 15], ["9", "late"], [8.5, 17], [True, 17], 9])
@@ -539,6 +551,21 @@ def test_what_is_no_yaml_is_told_with_its_line(write, text, told):
         read_yaml(path, "a dataset file")
     assert str(error.value).startswith(f"{path}{told}")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [("012", 10), ("1_0", 10), ("1:10", 70), ("0x1A", 26), ("0b11", 3), ("1:00.5", 60.5), ("1_0.5", 10.5)],
+)
+def test_a_number_that_yaml_takes_for_another_is_refused(write, text, meant):
+    path = write(f"a: 1\nonly: {{code: [7, {text}]}}\n", "mine.yaml")
+    with pytest.raises(DataError, match=rf"mine\.yaml, line 2: {text} is {meant} to YAML: quote it"):
+        read_yaml(path, "a dataset file")
+
+
+def test_numbers_that_are_what_they_say_and_quoted_ones_are_read(write):
+    path = write("a: [0, -5, 1_690_000, 0.05, '012', '1:10', 1e-3]\n", "mine.yaml")
+    assert read_yaml(path, "a dataset file")["a"] == [0, -5, 1690000, 0.05, "012", "1:10", "1e-3"]
 
 
 def test_a_file_in_another_encoding_is_refused(tmp_path):
@@ -772,6 +799,13 @@ def test_a_glob_works_below_a_folder_with_brackets(load, tmp_path):
     root = tmp_path / "data [2020]"
     days(root, ["a.csv", "b.csv"])
     assert [r.name for r in load(root=root, recordings=glob_entries("[a].csv")).recordings] == ["a", "b"]
+
+
+def test_a_glob_in_a_folder_with_brackets_does_not_stand_for_another(load, tmp_path):
+    days(tmp_path / "run[1]", ["t.csv"])
+    days(tmp_path / "run1", ["u.csv"])
+    assert [one.name for one in load(recordings=glob_entries("run[1]/*.csv")).recordings] == ["t", "b"]
+    assert [one.name for one in load(recordings=glob_entries("run[12]/*.csv")).recordings] == ["u", "b"]
 
 
 def test_a_glob_that_meets_a_file_twice_is_refused(load, tmp_path):

@@ -2,6 +2,7 @@
 
 import itertools
 from collections import Counter
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -487,6 +488,17 @@ def test_ids_of_several_columns_belong_together(write):
     assert account.owners.text(id_of("h1/B")) == "h1/B"
 
 
+def test_ids_of_several_columns_are_the_same_however_they_are_written_and_never_another_s(write):
+    """Quotes and blanks are no part of an id; nobody's rows are nobody's; a slash within a part is no border."""
+    rows = ["c1, 7,0", '"c1", 7,1', '"c1","7",2', "a/b,c,0", "a,b/c,0", "a\\,/b,0", "a,\\//b,0"]
+    nobody = [",,0", ',"",1', "c1,,2", "NaN,7,3", "c1,-1,4", "-1,-1,5"]
+    content = "\n".join(["cam,id,t,x,y", *(f"{row},0,0" for row in [*rows, *nobody]), ""])
+    tracks, account = stranger(write, content, {**BY_NAME, "track_id": ["cam", "id"]})
+    assert (tracks.track_id == id_of("c1/7")).sum() == 3
+    assert len(set(tracks.track_id.tolist())) == 5
+    assert dict(account.dropped_rows) == {"no_track_id": 4, "no_person": 2}
+
+
 def test_rows_of_others_and_what_was_not_measured_are_left_out(write):
     content = "id,class,t,x,y\n1,walker,0,3,4\n2,car,0,1,1\n1,walker,1,0,0\n1,walker,2,4,4\n"
     tracks, account = stranger(write, content, only={"class": ["walker"]}, missing={"x": 0, "y": 0})
@@ -607,6 +619,34 @@ def test_a_start_that_is_not_one_moment_is_named_with_its_file(write):
         read_recording(path, form, "2026-10-25", "02:30")
     assert f"{path}: start '02:30': 2026-10-25 02:30:00 in Europe/Berlin exists twice" in str(error.value)
     assert len(read_recording(path, form, "2026-10-25", "02:30+01:00")[0].t) == 1
+
+
+@pytest.mark.parametrize("size", [None, 64])
+@pytest.mark.parametrize("header", [True, False])
+def test_blank_lines_before_the_first_row_are_no_row(folder, cut, size, header):
+    cut(size) if size else None
+    table = "id,t,x,y\n" * header + "1,0,0.5,0\n1,1,1.5,0\n"
+    layout = {"columns": BY_NAME if header else {"track_id": 0, "t": 1, "x": 2, "y": 3}, "header": header}
+    for before in ("\n", "  \r\n\r\n", "\n" * 500):
+        tracks, dropped, account = read(saved(folder, before + table), layout)
+        assert tracks.x.tolist() == [0.5, 1.5]
+        assert (dropped, account.rows_read) == ({}, 2)
+
+
+@pytest.mark.parametrize("header", [True, False])
+def test_ids_that_begin_as_comments_do_are_told_of_and_kept_if_wanted(write, caplog, header):
+    """Twenty people became seventeen without a word."""
+    rows = [f"{'#' * (n % 3 == 0)}{n} {t} {t}.5 {n}" for n in range(9) for t in range(3)]
+    path = write("\n".join(["# made up", *["id t x y"] * header, *rows, "# 1 commented out", "#note 1 2", ""]))
+    form = FileFormat(reader="text", header=header, columns=Columns(track_id=0, t=1, x=2, y=3))
+    tracks, account = read_recording(path, form)
+    assert len(tracks.t) == 18
+    assert dict(account.dropped_rows) == {"row_as_comment": 9, "comment_line": 2}
+    assert "9 lines that begin with '#' are dropped as comments, but are rows else" in caplog.text
+    path.write_text(path.read_text().removeprefix("# made up\n"))
+    tracks, account = read_recording(path, replace(form, comment=""))
+    assert len(set(tracks.track_id.tolist())) == 9
+    assert dict(account.dropped_rows) == {"text_value": 1, "wrong_column_count": 1}
 
 
 def test_comments_and_aligned_columns(write):

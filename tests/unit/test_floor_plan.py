@@ -167,6 +167,11 @@ FORMS = {
     "8 bit.tiff": lambda file: Image.fromarray(GREY).save(file),
     "16 bit.png": lambda file: Image.fromarray(WIDE).save(file),
     "16 bit.tiff": lambda file: Image.fromarray(WIDE).save(file),
+    "16 bit, from white.tiff": lambda file: Image.fromarray(65535 - WIDE).save(file, tiffinfo={262: 0}),
+    "float, from white.tiff": lambda file: Image.fromarray(1 - GREY.astype(np.float32) / 255).save(
+        file, tiffinfo={262: 0}
+    ),
+    "8 bit, from white.tiff": lambda file: Image.fromarray(GREY).save(file, tiffinfo={262: 0}),
     "16 bit.pgm": lambda file: file.write_bytes(b"P5\n4 2\n65535\n" + WIDE.astype(">u2").tobytes()),
     "16 bit, as text.pgm": lambda file: file.write_text("P2\n4 2\n65535\n" + " ".join(map(str, WIDE.ravel()))),
     "8 bit, as text.pgm": lambda file: file.write_text("P2\n# by hand\n4 2\n255\n" + " ".join(map(str, GREY.ravel()))),
@@ -269,6 +274,8 @@ def test_a_plan_that_looks_wrong_is_warned_of(tmp_path, caplog, grey, changes, w
         (YAML.replace("[-1.0, 2.0, 0.0]", "[-1.0, 2.0]"), r"origin \[-1.0, 2.0\] is not"),
         (YAML.replace("[-1.0, 2.0, 0.0]", "here"), "origin 'here' is not"),
         (YAML.replace("-1.0", ".nan"), "origin"),
+        (YAML.replace("0.0]", "90]"), r"origin .*90.*: a yaw of 90 rad is more than a whole turn; write 1.5708 if"),
+        (YAML.replace("-1.0", "010"), r"plan\.yaml, line 3: 010 is 8 to YAML"),
         (YAML.replace("0.65", "0.1"), "thresholds must obey"),
         (YAML.replace("0.65", "1.1"), "thresholds must obey"),
         (YAML.replace("0.65", "much"), "thresholds must obey"),

@@ -78,6 +78,7 @@ def test_text_that_is_not_utf_8(tmp_path, encoding, columns, more):
     path = file_of(tmp_path / "a.csv", line, "Fußgänger,t,x,y,number,wo", encoding)
     told = refusal(path, header=True, columns=columns, **more)
     assert "save it as UTF-8" in told
+    assert told.count(str(path)) == 1
 
 
 def test_other_columns_may_be_in_any_encoding(tmp_path):
@@ -146,13 +147,14 @@ def test_a_text_to_choose_rows_by_that_the_file_writes_otherwise(tmp_path, key, 
     assert "writes 'pedestrian'" in told
 
 
-def test_a_text_to_choose_rows_by_that_no_row_has(tmp_path):
+def test_a_text_to_choose_rows_by_that_no_row_has(tmp_path, caplog):
     path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + ",walker", "id,t,x,y,k")
     told = refusal(path, header=True, columns=PLACES, only={"k": ["adult", "child"]})
     assert "column 'k' holds 'walker'" in told
     form = check(FileFormat, {"header": True, "columns": PLACES, "without": {"k": ["car"]}}, "test")
     tracks, _ = clean_recording(path, form, Recording())  # a recording without cars is one
     assert len(tracks.t) == len(ROWS)
+    assert "without: {k: [car]}: no row has that text; the file has 'walker'" in caplog.text  # or it is mistyped
 
 
 def test_a_preamble_before_a_line_that_is_longer_than_what_is_looked_at(tmp_path):

@@ -9,7 +9,7 @@ import pytest
 
 import modlhmp
 from modlhmp.cleaning import clean_recording
-from modlhmp.file_format import FileFormat, Recording, Split
+from modlhmp.file_format import _READER_NEEDS, FileFormat, Recording, Split
 from modlhmp.ids import id_of
 from modlhmp.plausibility import check_recording
 from modlhmp.readers import read_recording
@@ -207,6 +207,65 @@ def test_lines_of_another_length_are_counted(write, line):
 def test_what_is_no_magni_file_is_refused(write, content):
     with pytest.raises(DataError, match=r"reader: magni|no row below"):
         read_recording(write(content), FileFormat(reader="magni"))
+
+
+# --- what all readers have in common, and keys that they do not read ----------------------------------------
+
+GRID = (691_000, 5_334_000)
+
+
+@pytest.fixture
+def somewhere(write, simulated, archived):
+    """Function (x, y) -> {reader: a file whose people walk there [m]}."""
+
+    def create(x, y):
+        rows = [(i, f, x + a, y + b) for i, f, a, b in ROWS]
+        lines = ["Frame,Time,Helmet_1 Centroid_X,Helmet_1 Centroid_Y"]
+        lines += [f"{f},{f / 10},{1000 * a:.3f},{1000 * b:.3f}" for i, f, a, b in rows if i == 1]
+        tracks = [{"track": {"f": f, "p": i, "x": a, "y": b}} for i, f, a, b in rows]
+        seconds = [f"{f / 10},{i},{a},{b},1.2,0" for i, f, a, b in rows]
+        return {
+            "jupedsim": simulated(rows=rows), "hdf5": archived(rows), "magni": write("\n".join(lines), f"{x}.magni"),
+            "trajnet": write("".join(json.dumps(one) + "\n" for one in tracks), f"{x}.ndjson"),
+            "atc_1hz": write("\n".join(seconds), f"{x}.csv"),
+        }  # fmt: skip
+
+    return create
+
+
+def test_every_reader_of_metres_moves_a_national_grid_to_its_origin_or_asks(somewhere):
+    near, far = somewhere(0, 0), somewhere(*GRID)
+    for reader, path in near.items():
+        more = {"frame_rate": 10.0} if reader == "trajnet" else {}
+        here = modlhmp.read_tracks(path, reader=reader, **more)
+        moved = modlhmp.read_tracks(far[reader], reader=reader, origin_m=GRID, **more)
+        np.testing.assert_allclose((moved.x, moved.y), (here.x, here.y), atol=1e-3)
+        if reader != "atc_1hz":  # whose place is known
+            with pytest.raises(DataError, match=r"set `origin_m: \[691000, 5334000\]`"):
+                modlhmp.read_tracks(far[reader], reader=reader, **more)
+
+
+def test_some_positions_far_away_are_counted_whoever_reads(somewhere, simulated):
+    path = simulated(rows=[*ROWS, (2, 60, 1e7, 0.0)])
+    tracks, account = read_recording(path, FileFormat(reader="jupedsim"))
+    assert (len(tracks.t), account.dropped_rows) == (120, {"absurd_value": 1})
+    assert account.beyond["distance"] == (1, 1e7)
+
+
+@pytest.mark.parametrize("reader", ["trajnet", "magni", "jupedsim", "hdf5", "edinburgh", "edinburgh_rows", "atc"])
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        *(("only", {"k": ["car"]}), ("without", {"k": ["car"]}), ("missing", {"x": 0.0}), ("skip_lines", 1)),
+        *(("columns", {"track_id": 0, "t": 1, "x": 2, "y": 3}), ("units", {"length": "mm"}), ("separator", ";")),
+        ("homography", [[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+    ],
+)
+def test_a_key_that_a_reader_does_not_read_is_refused(write, reader, key, value):
+    needed = {"frame_rate": 9.0, "scale": 0.02, "row_stride": 4}
+    needed = {name: needed[name] for name in _READER_NEEDS.get(reader, ())}
+    with pytest.raises(DataError, match=rf"reader '{reader}' does not read the key '{key}', only "):
+        modlhmp.read_tracks(write("x"), reader=reader, **needed, **{key: value})
 
 
 # --- JuPedSim and the archive -------------------------------------------------------------------------------

@@ -177,7 +177,12 @@ def test_keys_that_must_be_there_though_they_have_a_default():
         ("limit", False, "False is not a number (null: none)"),
         ("limit", float("nan"), "nan is not a finite number (null: none)"),
         ("limit", "wide", "'wide' is not a number (null: none)"),
-        ("column", True, "True is not a number (by position or name)"),
+        (
+            "column",
+            True,
+            "True is not text: YAML reads on, no and yes as true or false; quote it (by position or name)",
+        ),
+        ("key", False, "False is not text: YAML reads on, no and yes as true or false; quote it (to the door)"),
         ("column", [1], "[1] is not a whole number or text (by position or name)"),
         ("steps", 6, "6 is not a multiple of 4 (of the stairs)"),
         ("steps", 0, "0 is not at least 4 (of the stairs)"),

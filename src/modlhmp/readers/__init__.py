@@ -45,9 +45,9 @@ def _read(path, form, limits, origin):
     if form.reader == "edinburgh_rows":
         return edinburgh.read_rows(path, frame_rate, row_stride, scale, origin, limits)
     if form.reader == "trajnet":
-        return trajnet.read(path, frame_rate, origin, limits)
+        return trajnet.read(path, frame_rate, origin, limits, form.origin_m)
     if form.reader in _WHOLE:
-        return _WHOLE[form.reader](path, origin, limits)
+        return _WHOLE[form.reader](path, origin, limits, form.origin_m)
     return _read_table(path, form, limits, origin)
 
 
@@ -59,7 +59,7 @@ def _read_table(path, form, limits, origin):
         plain = as_plain(form)
         keys = (
             *("header", "decimal", "thousands", "skip_lines", "units", "missing", "only", "without", "scale"),
-            *("frame_rate", "timezone", "homography", "origin_m", "min_heading_mps"),
+            *("frame_rate", "timezone", "homography", "min_heading_mps"),
         )
         layout = {**{key: plain[key] for key in keys}, "columns": columns, "ids": "text"}
         layout["separator"] = None if form.reader == "text" else form.separator
@@ -69,7 +69,7 @@ def _read_table(path, form, limits, origin):
         layout |= {"columns": {"track_id": FILE_COLUMN if form.header else 0, **moved}, "skip_lines": 0}
         for key in ("only", "without"):  # the name of the file stands before the other columns
             layout[key] = {_next(column): texts for column, texts in getattr(form, key).items()}
-    return read_delimited(path, {**layout, "origin": origin}, limits, form.time_step_s)
+    return read_delimited(path, {**layout, "origin": origin, "origin_m": form.origin_m}, limits, form.time_step_s)
 
 
 def _next(column):

@@ -15,10 +15,11 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
+from modlhmp.ids import NOBODY, NOBODYS
 from modlhmp.readers.lines import byte_kinds, plain_ids, scan
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People, line_blocks
-from modlhmp.readers.start import Form, fields_of, look_at_start, single_blanks
+from modlhmp.readers.start import Form, fields_of, is_row, look_at_start, single_blanks
 from modlhmp.storage import DataError
 
 THREADS = 2
@@ -46,7 +47,7 @@ def read_columns(
     `converters` give what a text stands for, by field: None where it is not one of its kind.
     """
     blocks = line_blocks(path)
-    form, block, row = look_at_start(path, layout, next(blocks), frozenset(converters))
+    form, block, row = look_at_start(path, layout, blocks, frozenset(converters))
     with ThreadPoolExecutor(THREADS) as pool:
         for future in _parsed_ahead(pool, form, itertools.chain([block], blocks)):
             parsed = future.result()
@@ -69,7 +70,7 @@ def parse(form: Form, block: bytes) -> Parsed:
     block = single_blanks(block) if form.separator is None else block
     separator = form.separator or " "
     numbers = np.isin(np.arange(form.width), list(form.numbers.values()))
-    comment = ord(form.comment[0]) if form.comment else -1
+    comment = form.comment.encode()[0] if form.comment else -1
     kinds = byte_kinds(separator, form.decimal)
     data = np.frombuffer(block, np.uint8)
     ends, regular = scan(data, kinds, numbers, comment)
@@ -160,9 +161,9 @@ def _converted(field, given, converters, place):
         return given.astype(np.int64) if field == "track_id" and field in converters else given, None
     import pyarrow.compute as pc  # noqa: PLC0415 - it takes a tenth of a second, and few files have texts
 
-    joined = given[0] if len(given) == 1 else pc.binary_join_element_wise(*given, b"/")
+    joined = given[0] if len(given) == 1 else pc.binary_join_element_wise(*given, b"\n")  # which is in no field
     coded = joined.dictionary_encode()
-    texts = [one.decode("utf-8", "surrogateescape").strip() for one in coded.dictionary.to_pylist()]
+    texts = [_together(one.decode("utf-8", "surrogateescape").split("\n")) for one in coded.dictionary.to_pylist()]
     codes = coded.indices.to_numpy()
     found = [
         _meant(converters[field], text, lambda code=code: place(np.argmax(codes == code)))
@@ -173,6 +174,19 @@ def _converted(field, given, converters, place):
     column = np.array([0 if one is None else one for one in found], kind)[codes] if texts else np.empty(0, kind)
     lines = np.flatnonzero(missing[codes]) if missing.any() else np.empty(0, np.int64)
     return column, _Fault(lines, texts[codes[lines[0]]] if lines.size else "")
+
+
+def _together(fields):
+    """What a row's fields of one text say: of an id of several parts nobody's, where one of them is.
+
+    Parts stand between slashes; one that a part holds has a backslash before it, so that no two ids are written alike.
+    """
+    parts = [field.strip() for field in fields]
+    if len(parts) == 1:
+        return parts[0]
+    if nobody := [part for part in parts if part in NOBODY or part == NOBODYS]:
+        return nobody[0]
+    return "/".join(part.replace("\\", r"\\").replace("/", r"\/") for part in parts)
 
 
 def _meant(converter, text, place):
@@ -201,7 +215,7 @@ def _one_row(path, form, text, row, account, converters):
     if not text.strip():
         account.drop_rows("blank_line", 1, example)
     elif form.comment and text.lstrip().startswith(form.comment):
-        account.drop_rows("comment_line", 1, example)
+        account.drop_rows("row_as_comment" if is_row(form, fields) else "comment_line", 1, example)
     elif form.header is not None and fields_of(text.removeprefix("\ufeff"), form.separator) == form.header:
         account.drop_rows("header_again", 1, example)
     elif len(fields) != form.width:
@@ -211,8 +225,8 @@ def _one_row(path, form, text, row, account, converters):
             field: number(fields[position], form.decimal, form.thousands) for field, position in form.numbers.items()
         }
         for field, positions in form.texts.items():
-            joined = "/".join(fields[position] for position in positions).strip()
-            found[field] = _meant(converters[field], joined, lambda: f"{path}, row {row}")
+            text = _together([fields[position] for position in positions])
+            found[field] = _meant(converters[field], text, lambda: f"{path}, row {row}")
         if None not in found.values():
             return found
         account.drop_rows("text_value", 1, example)

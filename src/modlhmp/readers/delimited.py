@@ -4,6 +4,7 @@ The ATC readers are layouts of this one. Files are read in blocks; where rows ca
 once reduced to the last sample of every person and time step, so memory does not follow the raw rate.
 """
 
+import logging
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -15,7 +16,7 @@ from modlhmp.account import Account
 from modlhmp.angles import by_convention, wrap_angle
 from modlhmp.clock import unix_time
 from modlhmp.file_format import LENGTH_M
-from modlhmp.ids import NOBODY
+from modlhmp.ids import NOBODY, NOBODYS
 from modlhmp.readers.columns import NO_ID, read_columns
 from modlhmp.readers.hints import hint, hint_of_units
 from modlhmp.readers.raw import People, line_blocks
@@ -25,12 +26,12 @@ from modlhmp.tracks import Tracks, concatenate
 
 MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fault, not a walking person
 MAX_SPEED_MPS = 15.0
-NOBODYS = -1  # the id that trackers write where they follow nobody; others below 0 are somebody's
 MAX_HEADING_RAD = 100.0
 MOST_TEXTS = 10_000  # of a column that rows are chosen by, which are remembered for messages
 WHOLE_TURN_RAD = 8.0  # beyond it lies no angle from -pi to pi, or 0 to 2 pi, whatever it is measured from
 SPEED_MPS = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "km/h": 1 / 3.6}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_LOG = logging.getLogger("modlhmp")
 FIELDS = ("track_id", "t", "x", "y", "speed", "heading")
 
 
@@ -52,7 +53,7 @@ def read_delimited(
     positions = {field: int(column) if column.isdecimal() else column for field, (_, column) in chosen.items()}
     wanted = {**layout, "columns": {**layout["columns"], **positions}}
     seen: dict[str, set[str]] = {field: set() for field in chosen}
-    for read in read_columns(path, wanted, account, _converters(path, layout, chosen, account, seen)):
+    for read in read_columns(path, wanted, account, _converters(layout, chosen, account, seen)):
         values = _wanted(read, chosen, layout.get("missing") or {}, account)
         rows = _to_si(values, layout)
         rows = _drop_bad_rows(path, rows, values["row"], has_velocity, day, layout, account)
@@ -63,6 +64,12 @@ def read_delimited(
     rows = concatenate(pieces)
     pieces.clear()  # a fifth of the memory of what follows
     rows = last_of_step(rows, step_s, account) if has_velocity else without_repeats(rows, account)
+    if lost := account.dropped_rows["row_as_comment"]:
+        _LOG.warning(
+            "%s: %d lines that begin with %r are dropped as comments, but are rows else (first: %s); if ids begin so, "
+            'set `comment: ""`',
+            *(path, lost, layout["comment"], account.first_seen["row_as_comment"]),
+        )
     if not account.rows_read and layout.get("header"):
         raise DataError(f"{path}: names its columns, but has no row; was the export cut off?")
     if not len(rows.t):
@@ -83,43 +90,49 @@ def _nothing_left(path, layout, chosen, seen, account):
     return told + (f"; {advice}" if advice else "")
 
 
-def _converters(path, layout, chosen, account, seen):
+def _converters(layout, chosen, account, seen):
     """What the texts of a file stand for, by field: ids, times, and whether a row is one of those that are wanted."""
     found = {}
     if layout.get("ids") == "text":
-        found["track_id"] = partial(_whose, path=path, owners=account.owners)
+        found["track_id"] = partial(_whose, owners=account.owners)
     if (layout.get("units") or {}).get("time") == "iso":
         found["t"] = partial(unix_time, timezone=layout.get("timezone", "UTC"))
     for field, (key, column) in chosen.items():
         texts = {str(text) for text in layout[key][column]}
-        found[field] = partial(_is_kept, path=path, texts=texts, inside=key == "only", seen=seen[field])
+        found[field] = partial(_is_kept, texts=texts, inside=key == "only", seen=seen[field])
     return found
 
 
-def _whose(text, path, owners):
+def _whose(text, owners):
     owners.check()
-    return NO_ID if text in NOBODY else owners.number(_utf8(path, text))
+    return NO_ID if text in NOBODY else owners.number(_utf8(text))
 
 
-def _is_kept(text, path, texts, inside, seen):
-    if len(seen) < MOST_TEXTS:
-        seen.add(_utf8(path, text))
+def _is_kept(text, texts, inside, seen):
+    if len(seen) < MOST_TEXTS or text in texts:
+        seen.add(_utf8(text))
     return (text in texts) == inside
 
 
 def _check_texts(path, key, column, texts, seen):
-    """Whether no text to choose rows by differs from one of the file's in nothing but case and blanks."""
+    """Whether no text to choose rows by differs from one of the file's in nothing but case and blanks.
+
+    Those that no row has are warned of.
+    """
     for text in map(str, texts):
         alike = next((one for one in seen if one.strip().casefold() == text.strip().casefold()), None)
         if text not in seen and alike is not None:
             raise DataError(f"{path}: {key}: {{{column}: [{text}]}}: the file writes {alike!r}; correct it")
+        if text not in seen:  # a recording without cars is one, but a mistyped text would look the same
+            there = ", ".join(map(repr, sorted(seen)[:8]))
+            _LOG.warning("%s: %s: {%s: [%s]}: no row has that text; the file has %s", path, key, column, text, there)
 
 
-def _utf8(path, text):
+def _utf8(text):
     """The text; `DataError` where it holds bytes of another encoding, which no output could show."""
     if any("\udc80" <= character <= "\udcff" for character in text):
         shown = text.encode("utf-8", "surrogateescape").decode("latin-1")
-        raise DataError(f"{path}: the text {shown!r} is not UTF-8 (Latin-1 or Windows-1252?): save it as UTF-8")
+        raise DataError(f"the text {shown!r} is not UTF-8 (Latin-1 or Windows-1252?): save it as UTF-8")
     return text
 
 
@@ -182,13 +195,13 @@ def _drop_bad_rows(path, rows, numbers, has_velocity, day, layout, account):
         tests = {
             "infinite_value": np.logical_or.reduce([np.isinf(column) for column in measured]),
             "nan_value": np.logical_or.reduce([np.isnan(column) for column in measured]),
-            "no_person": rows.track_id == NOBODYS if layout.get("ids") == "text" else rows.track_id < 0,
+            "no_person": rows.track_id == int(NOBODYS) if layout.get("ids") == "text" else rows.track_id < 0,
             "absurd_value": (distance > MAX_DISTANCE_M) | (speed < 0) | (speed > MAX_SPEED_MPS)
             | (turned > MAX_HEADING_RAD),
             "outside_day": (rows.t < first) | (rows.t >= last),
         }  # fmt: skip
     if layout.get("ids") == "text":
-        _check_frame(path, rows, distance, layout)
+        check_frame(path, rows.x, rows.y, layout.get("origin_m"))
     good = np.ones(len(rows.t), bool)
     for reason, failed in tests.items():
         bad = failed & good
@@ -212,21 +225,44 @@ def _note_beyond(rows, distance, speed, turned, day, account):
     account.note_beyond("time", rows.t[np.isfinite(rows.t) & ((rows.t < day[0]) | (rows.t >= day[1]))])
 
 
-def _check_frame(path, rows, distance, layout):
-    """Whether most positions are near the origin; `DataError` that names the option which moves it."""
+def check_frame(
+    path: object, x: np.ndarray, y: np.ndarray, origin_m: tuple[int, int] | None, units: bool = True
+) -> None:
+    """Whether most positions [m] are near the origin, which is at `origin_m` of the file's frame.
+
+    `DataError` that names the option which moves it; `units`: whether the reader has one for the unit of length.
+    """
+    distance = np.hypot(x, y)
     far = distance[np.isfinite(distance)] > MAX_DISTANCE_M
     if not len(far) or far.mean() <= 0.5:
         return
     example = f"{far.mean():.0%} of the first rows are more than {MAX_DISTANCE_M / 1000:g} km from the origin, such as"
-    example += f" x {rows.x[0]:g} m, y {rows.y[0]:g} m"
-    sides = [np.nanquantile(part, 0.95) - np.nanquantile(part, 0.05) for part in (rows.x, rows.y)]
+    example += f" x {x[0]:g} m, y {y[0]:g} m"
+    sides = [np.nanquantile(part, 0.95) - np.nanquantile(part, 0.05) for part in (x, y)]
     if max(sides) > MAX_DISTANCE_M / 2:  # a frame of its own would keep them together
-        raise DataError(
-            f"{path}: {example}, and {max(sides) / 1000:.3g} km apart: set `units: {{length: mm}}`, or cm, if they are"
-        )
-    moved = layout.get("origin_m") or (0, 0)
-    east, north = (round(float(np.nanmedian(part)) + at, -2) for part, at in zip((rows.x, rows.y), moved, strict=True))
+        remedy = "set `units: {length: mm}`, or cm, if they are" if units else "the reader takes them for metres"
+        raise DataError(f"{path}: {example}, and {max(sides) / 1000:.3g} km apart: {remedy}")
+    moved = origin_m or (0, 0)
+    east, north = (round(float(np.nanmedian(part)) + at, -2) for part, at in zip((x, y), moved, strict=True))
+    remedy = "correct `units: {length: ...}`" if units else "the reader takes positions for metres"
     raise DataError(
-        f"{path}: {example}: for a national grid, set `origin_m: [{east:.0f}, {north:.0f}]`; if not, correct "
-        "`units: {length: ...}`"
+        f"{path}: {example}: for a national grid, set `origin_m: [{east:.0f}, {north:.0f}]`; if not, {remedy}"
     )
+
+
+def from_origin(
+    path: object, x: np.ndarray, y: np.ndarray, origin_m: tuple[int, int] | None, account: Account
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Finite positions [m] of a file that is no table, with the origin at `origin_m`; which of them are near it.
+
+    The others are counted as `absurd_value`; `DataError` where these are most.
+    """
+    east, north = origin_m or (0, 0)
+    x, y = x - east, y - north
+    check_frame(path, x, y, origin_m, units=False)
+    near = np.hypot(x, y) <= MAX_DISTANCE_M
+    if not near.all():
+        first = np.argmin(near)
+        account.note_beyond("distance", np.hypot(x, y)[~near])
+        account.drop_rows("absurd_value", (~near).sum(), f"x {x[first]:g} m, y {y[first]:g} m")
+    return x, y, near

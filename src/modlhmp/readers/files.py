@@ -19,8 +19,9 @@ _HEAD_BYTES = 1 << 16
 def find_files(source: str | Path, listed: str, root: Path) -> list[Path]:
     """The files that a path or glob under `root` stands for, in order; one that does not exist where it is expected.
 
-    What exists under exactly this name is meant, whatever its name holds. In a glob `**` stands for any number of
-    folders, also none. `DataError` that names `source` for a glob without a file, for folders and for braces.
+    What exists under exactly this name is meant, whatever its name holds, and so are the folders before a glob. There
+    `**` stands for any number of folders, also none. `DataError` that names `source` for a glob without a file, for
+    folders and for braces.
     """
     # A name that is too long or holds a null, a folder that may not be entered.
     with refused(f"{source}: files {listed!r}: cannot be looked for under {root}", OSError, ValueError):
@@ -44,7 +45,11 @@ def _find(source: str | Path, listed: str, root: Path) -> list[Path]:
         )
     if not glob.has_magic(listed):
         return [path]
-    matches = sorted(root / one for one in glob.glob(listed, root_dir=root, recursive=True) if (root / one).is_file())
+    folder, parts = root, Path(listed).parts
+    while len(parts) > 1 and (folder / parts[0]).is_dir():  # as it is written, also `run[1]`
+        folder, parts = folder / parts[0], parts[1:]
+    matches = [folder / one for one in glob.glob(str(Path(*parts)), root_dir=folder, recursive=True)]
+    matches = sorted(one for one in matches if one.is_file())
     if not matches:
         raise DataError(f"{source}: no file matches {path}; correct `files`, or `data_root` in the configuration")
     return matches

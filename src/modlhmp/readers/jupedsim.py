@@ -10,6 +10,7 @@ import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.readers.columns import NO_ID
+from modlhmp.readers.delimited import from_origin
 from modlhmp.storage import DataError, check_held, refused
 from modlhmp.time_step import positions_alone
 from modlhmp.tracks import Tracks
@@ -18,8 +19,13 @@ ROWS_AT_ONCE, STEPS_AT_ONCE, STEPS_PER_BYTE = 10_000, 100_000, 10  # of SQLite's
 ROW_BYTES = 120  # of a row from the file to its track
 
 
-def read_sqlite(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
-    """Read a JuPedSim file into rows sorted by track and time; positions in m, headings unknown."""
+def read_sqlite(
+    path: str | Path,
+    origin: float,
+    day: tuple[float, float] | None = None,
+    origin_m: tuple[int, int] | None = None,
+) -> tuple[Tracks, Account]:
+    """Read a JuPedSim file into rows sorted by track and time; positions in m from `origin_m`, headings unknown."""
     foreseen = (sqlite3.Error, ValueError, TypeError, OverflowError)
     with (
         refused(f"{path}: cannot be read as a JuPedSim file", *foreseen),
@@ -43,10 +49,15 @@ def read_sqlite(path: str | Path, origin: float, day: tuple[float, float] | None
         rate = float(found[0]) if found else None
     if rate is None or not rows.size:
         raise DataError(f"{path}: {'no `fps` in its metadata' if rows.size else 'no rows in trajectory_data'}")
-    return _tracks(path, np.concatenate(ids), rows, rate, origin, day)
+    return _tracks(path, np.concatenate(ids), rows, rate, origin, day, origin_m)
 
 
-def read_hdf5(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
+def read_hdf5(
+    path: str | Path,
+    origin: float,
+    day: tuple[float, float] | None = None,
+    origin_m: tuple[int, int] | None = None,
+) -> tuple[Tracks, Account]:
     """Read an archive's HDF5 file (dataset `trajectory` with id, frame, x, y and attribute `fps`) likewise."""
     try:
         import h5py  # noqa: PLC0415 - an extra that few need
@@ -59,7 +70,7 @@ def read_hdf5(path: str | Path, origin: float, day: tuple[float, float] | None =
         check_held(path, ROW_BYTES * table.size)
         ids = _whole(path, np.asarray(table["id"]))
         rows = np.column_stack([np.asarray(table[name], float) for name in ("frame", "x", "y")])
-    return _tracks(path, ids, rows, rate, origin, day)
+    return _tracks(path, ids, rows, rate, origin, day, origin_m)
 
 
 def _whole(path, ids, rows_before=0):
@@ -81,7 +92,7 @@ def _whole(path, ids, rows_before=0):
     return ids.astype(np.int64)
 
 
-def _tracks(path, ids, rows, rate, origin, day):
+def _tracks(path, ids, rows, rate, origin, day, origin_m):
     """Rows of ids [n] and frame, x, y [n, 3] as tracks with their account."""
     account = Account()
     account.rows_read = len(rows)
@@ -90,4 +101,6 @@ def _tracks(path, ids, rows, rate, origin, day):
     bad = (ids == NO_ID) | ~np.isfinite(rows).all(axis=1)
     account.drop_rows("nan_value", bad.sum())
     frame, x, y = rows[~bad].T
-    return positions_alone(ids[~bad], origin + frame / rate, x, y, day, account), account
+    x, y, near = from_origin(path, x, y, origin_m, account)
+    tracks = positions_alone(ids[~bad][near], origin + frame[near] / rate, x[near], y[near], day, account)
+    return tracks, account

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
+from modlhmp.readers.delimited import from_origin
 from modlhmp.readers.jupedsim import ROW_BYTES
 from modlhmp.readers.raw import read_whole
 from modlhmp.readers.start import MOST_COLUMNS
@@ -23,7 +24,12 @@ BODY = re.compile(r"(Helmet_\d+) Centroid_X")  # robots and carried objects are 
 MM = 0.001
 
 
-def read(path: str | Path, origin: float, day: tuple[float, float] | None = None) -> tuple[Tracks, Account]:
+def read(
+    path: str | Path,
+    origin: float,
+    day: tuple[float, float] | None = None,
+    origin_m: tuple[int, int] | None = None,
+) -> tuple[Tracks, Account]:
     """Read a file into rows sorted by track and time; returns (Tracks, Account), headings unknown.
 
     A row of the account is one body at one instant. Ids are the bodies' names: who wears a helmet changes from run to
@@ -49,7 +55,8 @@ def read(path: str | Path, origin: float, day: tuple[float, float] | None = None
         ids = np.full(int(seen.sum()), account.owners.number(body))
         pieces.append((ids, origin + seconds[seen], x[seen], y[seen]))
     ids, t, x, y = map(np.concatenate, zip(*pieces, strict=True))
-    rows = positions_alone(ids, t, x, y, day, account)
+    x, y, near = from_origin(path, x, y, origin_m, account)
+    rows = positions_alone(ids[near], t[near], x[near], y[near], day, account)
     if not len(rows.t):
         raise DataError(f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
     return rows, account

@@ -3,7 +3,7 @@
 import codecs
 import csv
 import re
-from collections.abc import Mapping, Set
+from collections.abc import Iterator, Mapping, Set
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ from modlhmp.readers.raw import People
 from modlhmp.storage import DataError
 
 MOST_COLUMNS = 10_000
+_MOST_COMMENTS = 1000  # at a file's start, of which it is looked whether they are rows
 _NO_HEADER = "is a header where numbers are expected; remove that line, or use `reader: delimited` with `header: true`"
 
 
@@ -36,54 +37,71 @@ class Form(NamedTuple):
 
 
 class _First(NamedTuple):
-    """A file's first row, which may name the columns: where it is, its line and fields, the text from there on."""
+    """A file's first row, which may name the columns: where it is, its line and fields, the text from there on.
+
+    `comments` are those before it in the `whole` block: the number of lines before each, and where it begins.
+    """
 
     place: str
     lines_before: int
     line: bytes
     fields: list[str]
     block: bytes
+    whole: bytes
+    comments: list[tuple[int, int]]
 
 
 def look_at_start(
-    path: str | Path | People, layout: Mapping[str, Any], block: bytes, texts: Set[str]
+    path: str | Path | People, layout: Mapping[str, Any], blocks: Iterator[bytes], texts: Set[str]
 ) -> tuple[Form, bytes, int]:
-    """From a file's first block: its form, the block from the first row of data on, the number of lines before that.
+    """From a file's first blocks: its form, the block from the first row of data on, the number of lines before that.
 
     `layout` as in `delimited`; `texts` are the fields that are text. `DataError` where the file is not as it says.
     """
     decimal, thousands = layout.get("decimal") or ".", layout.get("thousands") or ""
     form = Form({}, {}, 0, layout.get("separator", ","), decimal, thousands, layout.get("comment") or "", -1, None)
-    first = _first_row(path, layout, block, form)
+    first = _first_row(path, layout, blocks, form)
     _check_first(first, layout, form, texts)
     form = _with_columns(form, first, layout, texts)
-    if not layout.get("header"):
-        return form, first.block, first.lines_before
-    return form, first.block.partition(b"\n")[2], first.lines_before + 1
+    if layout.get("header"):
+        return form, first.block.partition(b"\n")[2], first.lines_before + 1
+    for before, begin in first.comments:
+        line = first.whole[begin : _after_line(first.whole, begin)]
+        if is_row(form, _fields_of_line(line, form)):  # ids may begin with the mark: then these lines are counted
+            return form, first.whole[begin:], before
+    return form, first.block, first.lines_before
 
 
-def _first_row(path, layout, block, form):
-    """The first row: after a mark of the encoding, the lines to skip, and comments."""
-    if block[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        raise DataError(f"{path}: is UTF-16 text; save it as UTF-8")
-    block, before = block.removeprefix(codecs.BOM_UTF8), layout.get("skip_lines") or 0
+def _first_row(path, layout, blocks, form):
+    """The first row: after a mark of the encoding, the lines to skip, blank lines and comments."""
+    block, before = next(blocks).removeprefix(codecs.BOM_UTF8), layout.get("skip_lines") or 0
     begin = 0  # of the line, not cut off from the block: each cut copies all that is left
     for skipped in range(before):
         if begin == len(block):
             raise DataError(f"{path}: skip_lines {before}: there are {skipped} lines only, or the first are too long")
         begin = _after_line(block, begin)
-    comment = form.comment.encode()
-    blank_is_row = not comment and not before
-    while not blank_is_row and (end := _after_line(block, begin)) < len(block):
-        line = block[begin:end].strip()
-        if line and not (comment and line.startswith(comment)):
+    comment, comments = form.comment.encode(), list[tuple[int, int]]()
+    while True:
+        if begin == len(block):
+            block, begin, comments = next(blocks, b""), 0, []
+        if not block:
+            also = f", or lines that begin with {form.comment!r} as comments do" if comment else ""
+            raise DataError(f"{path}: has no row, only blank lines{also}; was the export cut off?")
+        end = _after_line(block, begin)
+        line = block[begin:end]
+        if line.strip() and not (comment and line.lstrip().startswith(comment)):
             break
+        if line.strip() and len(comments) < _MOST_COMMENTS:
+            comments.append((before, begin))
         begin, before = end, before + 1
-    block = block[begin:]
-    line = block[: _after_line(block, 0)].removesuffix(b"\n")
+    line = line.removesuffix(b"\n")
+    fields = _fields_of_line(line, form)
+    return _First(f"{path}, row {before + 1}", before, line, fields, block[begin:], block, comments)
+
+
+def _fields_of_line(line, form):
     plain = single_blanks(line) if form.separator is None else line
-    fields = fields_of(plain.decode("utf-8", "replace"), form.separator)
-    return _First(f"{path}, row {before + 1}", before, line, fields, block)
+    return fields_of(plain.decode("utf-8", "replace"), form.separator)
 
 
 def _after_line(block, begin):
@@ -147,6 +165,13 @@ def _position(first, field, column, layout):
             + (f"; this {advice}" if advice else "")
         )
     return names.index(column)
+
+
+def is_row(form: Form, fields: list[str]) -> bool:
+    """Whether a line is a row, whatever it begins with: it has all columns, and numbers where these are expected."""
+    return len(fields) == form.width and all(
+        fields[at] and number(fields[at], form.decimal, form.thousands) is not None for at in form.numbers.values()
+    )
 
 
 def single_blanks(block: bytes) -> bytes:

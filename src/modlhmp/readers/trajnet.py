@@ -13,7 +13,7 @@ import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.ids import NOBODY
-from modlhmp.readers.delimited import MAX_DISTANCE_M
+from modlhmp.readers.delimited import from_origin
 from modlhmp.readers.raw import line_blocks
 from modlhmp.scenes import Scenes
 from modlhmp.storage import DataError
@@ -32,14 +32,19 @@ class _Scene(NamedTuple):
 
 
 def read(
-    path: str | Path, frame_rate: float | None, origin: float, day: tuple[float, float] | None = None
+    path: str | Path,
+    frame_rate: float | None,
+    origin: float,
+    day: tuple[float, float] | None = None,
+    origin_m: tuple[int, int] | None = None,
 ) -> tuple[Tracks, Account]:
     """Read a file into rows sorted by track and time; returns (Tracks, Account), headings unknown.
 
     `frame_rate` is of frames; without it, it is the scenes' `fps` times the usual number of frames between two rows of
-    their primary, the same for all. `origin` is the unix time of frame 0, `day` as in `read_delimited`. Lines that are
-    neither a track nor a scene are dropped as `other_object`, predictions as `prediction`, scenes without primary or
-    frames as `bad_scene`. The others are the account's `scenes`, where the file has any; rows outside them are kept.
+    their primary, the same for all. `origin` is the unix time of frame 0, `day` and `origin_m` as in `read_delimited`.
+    Lines that are neither a track nor a scene are dropped as `other_object`, predictions as `prediction`, scenes
+    without primary or frames as `bad_scene`. The others are the account's `scenes`, where the file has any; rows
+    outside them are kept.
     """
     rows: list[tuple[int, float, float, float]] = []
     scenes: list[_Scene] = []
@@ -51,6 +56,8 @@ def read(
     if not rows:
         raise DataError(f"{path}: no usable row; {account.rows_read} read, dropped {dict(account.dropped_rows)}")
     person, frame, x, y = (np.array(part) for part in zip(*rows, strict=True))
+    x, y, near = from_origin(path, x, y, origin_m, account)
+    person, frame, x, y = person[near], frame[near], x[near], y[near]
     if frame_rate is None:
         frame_rate = _frame_rate(path, scenes, person, frame)
     if scenes:
@@ -126,8 +133,6 @@ def _one_line(line, number, rows, scenes, account):
         account.drop_rows("no_track_id", 1, example)
     elif not np.isfinite(values).all():
         account.drop_rows("nan_value", 1, example)
-    elif np.hypot(x, y) > MAX_DISTANCE_M:
-        account.drop_rows("absurd_value", 1, example)
     else:
         rows.append((account.owners.number(str(track["p"])), frame, x, y))
 
