@@ -287,6 +287,8 @@ def test_quoted_ids_may_hold_the_separator(tmp_path):
         ("", "{p},{t:.1f},{lat:.8f},{lon:.8f}", "project them to metres"),
         ("date,time,id,x,y", "2026-03-02,{clock},{p},{x:.3f},{y:.3f}", "write both into one column"),
         ("t,x1,y1,x2,y2,x3,y3", "{t:.1f},{x:.2f},{y:.2f},{y:.2f},{x:.2f},{y:.2f},{y:.2f}", "one row for each person"),
+        ("t,id1,x1,y1,id2,x2,y2", "{t:.1f},{p},{x:.2f},{y:.2f},7,{y:.2f},{x:.2f}", "one row for each person"),
+        ("t,a_x,a_y,b_x,b_y", "{n},{n:.2f},{y:.2f},{y:.2f},{n:.2f}", "or, where a line holds several people"),
         ("id,t,x,y", '{p},{t:.1f},"{mm:,.0f}","{mm:,.0f}"', "no numbers"),
         ("id,Datum,x,y", "{p},02.03.2026 {clock},{x:.3f},{y:.3f}", "times such as '02.03.2026 09:00:00.0' are neither"),
         ("id,date,x,y", "{p},2026/3/2 {clock},{x:.3f},{y:.3f}", "nor ISO 8601 (2026-03-02T09:00:00.5"),
@@ -300,7 +302,7 @@ def test_what_no_option_reads_is_answered_with_the_remedy(tmp_path, header, line
         digits = minutes // 60 * 10_000 + minutes % 60 * 100 + seconds
         return line.format(
             digits=digits, whole=int(digits), thousandths=1000 * digits,
-            p=PERSON[n], t=T[n], x=X[n], y=Y[n], days=46083.375 + T[n] / 86400, minutes=T[n] / 60,
+            n=n, p=PERSON[n], t=T[n], x=X[n], y=Y[n], days=46083.375 + T[n] / 86400, minutes=T[n] / 60,
             lat=59.2741 + Y[n] / 111_000, lon=15.2066 + X[n] / 56_900, mm=1000 * X[n],
             unix=1772442000 + T[n], slow=5000 * T[n], clock=f"09:{int(T[n]) // 60:02d}:{T[n] % 60:04.1f}",
         )  # fmt: skip
@@ -580,12 +582,36 @@ def test_a_few_rows_of_another_width_cost_no_header_and_are_told(tmp_path):
 def test_ids_that_begin_like_comments(tmp_path):
     path = file_of(tmp_path / "a.csv", lambda n: ("#" if PERSON[n] < 3 else "") + row_of(n), "id,t,x,y")
     assert "decide" in line_of(drafted(path, tmp_path)[1], "comment")
-    keys, _, tracks = drafted(file_of(tmp_path / "b.csv", lambda n: "#" + row_of(n), "id,t,x,y"), tmp_path)
-    assert "comment" not in keys
-    assert sum(len(part.t) for part in tracks) == len(ROWS)
+    for separator in (",", "  "):
+        path = file_of(
+            tmp_path / "b.csv",
+            lambda n, mark=separator: "#" + row_of(n).replace(",", mark),
+            "id,t,x,y".replace(",", separator),
+        )
+        keys, _, tracks = drafted(path, tmp_path)
+        assert not keys.get("comment")
+        assert sum(len(part.t) for part in tracks) == len(ROWS)
     keys, draft, _ = drafted(file_of(tmp_path / "c.csv", row_of, "# by: me\nid,t,x,y"), tmp_path)
     assert keys["comment"] == "#"
     assert "decide" not in line_of(draft, "comment")
+
+
+@pytest.mark.parametrize("header", ["\nid,t,x,y", "\n  \n\nid,t,x,y", "\n"])
+def test_blank_lines_at_the_start(tmp_path, header):
+    keys, _, tracks = drafted(file_of(tmp_path / "a.csv", row_of, header), tmp_path)
+    assert "skip_lines" not in keys
+    assert keys.get("header", False) == ("id" in header)
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+@pytest.mark.parametrize(
+    "below", [",s,m,m", "[-],[s],[m],[m]", "(1),(sec),(metres),(metres)", "int,float,float,float", "ID,Zeit,Ort,Ort"]
+)
+def test_a_row_of_units_or_types_below_the_names_is_no_header(tmp_path, below):
+    keys, _, tracks = drafted(file_of(tmp_path / "a.csv", row_of, f"id,t,x,y\n{below}"), tmp_path)
+    assert keys["columns"] == PLACES
+    assert "skip_lines" not in keys
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
 
 
 @pytest.mark.parametrize("rows", [2, 3, 4])

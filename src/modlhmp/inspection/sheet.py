@@ -19,7 +19,6 @@ _SEPARATORS = (";", "\t", ",", "|", None)  # None: blanks; of those that fit as 
 _MARKS = ((".", ""), (",", ""), (".", ","), (".", "'"), (".", " "), (",", "."), (",", "'"), (",", " "))  # likewise
 _LEAST_COLUMNS = 3  # of one person's file: a time and two positions
 _MOST_ODD = 0.05  # of rows that may have another number of fields, and are not read
-_UNITS = {"s", "ms", "m", "cm", "mm", "m/s", "rad", "deg", "-", "", "[s]", "[m]", "[mm]", "[m/s]"}
 _BINARY = {
     b"\x89HDF": "HDF5", b"SQLite format 3": "SQLite", b"PAR1": "Parquet", b"PK\x03\x04": "a zip archive or a workbook",
     b"\x93NUMPY": "a numpy array", b"\x80": "a pickle", b"MATLAB": "a MATLAB file", b"ARROW1": "Arrow",
@@ -101,7 +100,7 @@ def read_sheet(path: str | Path | People, lines: list[str]) -> Sheet:
     while begin and table[begin - 1][0] in odd:  # the names stand above them
         begin -= 1
     above = [(n, row) for n, row in itertools.islice(table, max(begin - 2, 0), begin) if len(row) == width]
-    if len(above) == 2 and not {field.lower() for field in above[1][1]} <= _UNITS:
+    if len(above) == 2 and not (_are_alike(above[1][1]) and not _are_alike(above[0][1])):
         above = above[1:]  # the line before the names is of a preamble
     names = above[0][1] if above else _names_in(commented, width, [FILE_COLUMN] * isinstance(path, People))
     rows = [(n, row) for n, row in table[begin:] if len(row) == width]
@@ -113,12 +112,18 @@ def read_sheet(path: str | Path | People, lines: list[str]) -> Sheet:
     if inside := [line for n, line in odd.items() if n >= skipped]:
         notes.append(f"decide: rows with other than {width} fields are not read: {_counted(inside)}")
     if like_rows := [line for line in commented if is_row(_fields(line, separator))]:
-        asks["comment"] = f"rows or not? {_counted(like_rows)}; if it begins ids, leave this out"
+        asks["comment"] = f"rows or not? {_counted(like_rows)}; if ids begin so, set ''"
     rows_alone = [row for _, row in rows]
     decimal, thousands = marks
     return Sheet(
         separator, decimal, thousands, comment, skipped, bool(above), names, rows_alone, commented, asks, notes
     )  # fmt: skip
+
+
+def _are_alike(fields):
+    """Whether some fields are the same, as the units of x and y are, or their types, but no names."""
+    written = [field for field in fields if field]
+    return len(set(written)) < len(written)
 
 
 def _looks_like_row(line, separator, marks):
