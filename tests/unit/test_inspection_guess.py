@@ -386,6 +386,17 @@ def test_a_folder_of_recordings_lists_them(tmp_path):
     assert len(tracks) == 3
 
 
+@pytest.mark.parametrize("text", ["1772528400000", "unknown"])
+def test_a_folder_s_files_with_other_times_are_refused_by_name(tmp_path, text):
+    (tmp_path / "days").mkdir()
+    line = "{p},{t},{x:.3f},{y:.3f}"
+    for name, times in (("a", 1_772_442_000 + T), ("b", [text] * 300)):
+        rows = [line.format(p=PERSON[n], t=t, x=X[n], y=Y[n]) for n, t in enumerate(times)]
+        (tmp_path / f"days/{name}.csv").write_text("\n".join(["id,t,x,y", *rows]) + "\n")
+    told = refused(tmp_path / "days")
+    assert "b.csv: times in column 't' are none in s" in told
+
+
 def test_a_folder_without_a_recording_is_refused(tmp_path):
     (tmp_path / "nothing").mkdir()
     assert "no file" in refused(tmp_path / "nothing")
