@@ -291,6 +291,7 @@ def test_quoted_ids_may_hold_the_separator(tmp_path):
         ("t,a_x,a_y,b_x,b_y", "{n},{n:.2f},{y:.2f},{y:.2f},{n:.2f}", "or, where a line holds several people"),
         ("id,t,x,y", '{p},{t:.1f},"{mm:,.0f}","{mm:,.0f}"', "no numbers"),
         ("id,Datum,x,y", "{p},02.03.2026 {clock},{x:.3f},{y:.3f}", "times such as '02.03.2026 09:00:00.0' are neither"),
+        ("id;Uhrzeit;x;y", "{p};{clock};{x:.3f};{y:.3f}", "times such as '09:00:00.0' are neither"),
         ("id,date,x,y", "{p},2026/3/2 {clock},{x:.3f},{y:.3f}", "nor ISO 8601 (2026-03-02T09:00:00.5"),
         ("id,t,x,y", "{p},{unix:.6e},{x:.3f},{y:.3f}", "times written with all of their digits"),
         ("id,t,x,y", "{p},{slow:.0f},{x:.3f},{y:.3f}", "rows of a person are 200 s apart, read with times in frame"),
@@ -607,7 +608,7 @@ def test_ids_that_begin_like_comments(tmp_path):
     assert "decide" not in line_of(draft, "comment")
 
 
-@pytest.mark.parametrize("header", ["\nid,t,x,y", "\n  \n\nid,t,x,y", "\n"])
+@pytest.mark.parametrize("header", ["\nid,t,x,y", "\n  \n\nid,t,x,y", "\n", "id,t,x,y\n,,,\n,,,"])
 def test_blank_lines_at_the_start(tmp_path, header):
     keys, _, tracks = drafted(file_of(tmp_path / "a.csv", row_of, header), tmp_path)
     assert "skip_lines" not in keys

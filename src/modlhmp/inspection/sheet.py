@@ -97,9 +97,10 @@ def read_sheet(path: str | Path | People, lines: list[str]) -> Sheet:
     odd = {n: line for (n, line), (_, row) in zip(kept, table, strict=True)
            if len(row) != width and _looks_like_row(line, separator, marks)}  # fmt: skip
     _refuse_many(path, odd, len(kept), width)
-    while begin and table[begin - 1][0] in odd:  # the names stand above them
-        begin -= 1
-    above = [(n, row) for n, row in itertools.islice(table, max(begin - 2, 0), begin) if len(row) == width]
+    top = begin
+    while top and (table[top - 1][0] in odd or not any(table[top - 1][1])):  # the names stand above those, too
+        top -= 1
+    above = [(n, row) for n, row in itertools.islice(table, max(top - 2, 0), top) if len(row) == width]
     if len(above) == 2 and not (_are_alike(above[1][1]) and not _are_alike(above[0][1])):
         above = above[1:]  # the line before the names is of a preamble
     names = above[0][1] if above else _names_in(commented, width, [FILE_COLUMN] * isinstance(path, People))

@@ -51,9 +51,9 @@ def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Valu
             "(`modlhmp inspect FOLDER`); or, where a line holds several people, write one row for each person and "
             "time; else say `columns` in a dataset file"
         )
-    dates = (c for c in range(len(sheet.rows[0])) if c not in values.iso and _DATE.fullmatch(sheet.rows[0][c].strip()))
-    if (column := next(dates, None)) is not None:
-        raise DataError(f"{path}: {_no_time(sheet.rows[0][column])}")
+    others = (text for column, text in enumerate(sheet.rows[0]) if column not in values.iso)
+    if (text := next((one for one in others if _DATE.fullmatch(one) or _CLOCK.fullmatch(one)), None)) is not None:
+        raise DataError(f"{path}: {_no_time(text)}")
     shown = "; ".join(" ".join(row) for row in sheet.rows[:2])[:120]
     raise DataError(
         f"{path}: no choice of id, time, x and y among its {len(sheet.rows[0])} columns gives people who move "
