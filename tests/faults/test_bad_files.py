@@ -3,8 +3,11 @@
 import bz2
 import dataclasses
 import gzip
+import io
 import itertools
+import lzma
 import re
+import tarfile
 import zipfile
 
 import numpy as np
@@ -12,6 +15,7 @@ import pytest
 
 from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import Columns, FileFormat, Recording
+from modlhmp.readers import raw
 from modlhmp.storage import DataError
 
 LONDON = {"timezone": "Europe/London"}
@@ -198,6 +202,46 @@ def test_a_large_packed_file_that_was_cut(tmp_path, suffix):
 )
 def test_a_suffix_that_is_not_true(write, suffix, content):
     refused(write(content, f"day.csv{suffix}"), "atc_1hz")
+
+
+PLAIN = GOOD["atc_1hz"].encode()
+
+
+def tarred(content):
+    file = io.BytesIO()
+    with tarfile.open(fileobj=file, mode="w") as archive:
+        member = tarfile.TarInfo("day.csv")
+        member.size = len(content)
+        archive.addfile(member, io.BytesIO(content))
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("form", [form for form in GOOD if form != "atc_1hz"])
+@pytest.mark.parametrize(
+    ("content", "name", "told"),
+    [
+        (lzma.compress(PLAIN), "day.csv.xz", "is packed by xz: unpack it"),
+        (gzip.compress(PLAIN), "day.csv", "is packed by gzip: unpack it"),
+        (bz2.compress(PLAIN), "day.csv", "is packed by bzip2: unpack it"),
+        (gzip.compress(tarred(PLAIN)), "day.tar.gz", "is packed by tar: unpack it"),
+        (b"SQLite format 3\0" + b"\1" * 90, "day.csv", "is SQLite (`reader: jupedsim`"),
+        (b"1,2,3\0\0\0\n", "day.csv", "is not text, or text in UTF-16"),
+        (PLAIN.decode().encode("utf-16"), "day.csv", "is UTF-16 text"),
+    ],
+)
+def test_what_is_no_text_is_told_by_its_kind(write, form, content, name, told):
+    """Not by `separator: ';'` and junk."""
+    assert refused(write(content, name), form, told).isprintable()
+
+
+@pytest.mark.parametrize("suffix", [".gz", ".bz2", ".zip"])
+def test_suffixes_may_be_in_capitals(tmp_path, suffix):
+    path = packed(tmp_path, PLAIN, suffix)
+    path = path.rename(tmp_path / path.name.upper())
+    assert clean(path, "atc_1hz")[1]["rows"]["dropped"] == {}
+    assert raw.stem_of(path) == "DAY"
+    if suffix == ".zip":
+        assert clean(path / "day.csv", "atc_1hz")[1]["rows"]["dropped"] == {}
 
 
 # --- zip archives -------------------------------------------------------------------------------------------

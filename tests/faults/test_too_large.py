@@ -74,7 +74,7 @@ def test_an_archive_that_holds_far_more_than_its_size_is_refused(tmp_path, monke
     refused(
         path,
         form,
-        r"day\.csv.*(more than 1 MB, over 250 times its own size|no column 1|no line)",
+        r"day\.csv.*(more than 1 MB, over 250 times its own size|not text|no line)",
     )
 
 

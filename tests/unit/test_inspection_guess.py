@@ -577,6 +577,13 @@ def test_rows_of_many_widths_are_refused_and_never_skipped(tmp_path, header, lin
     assert "such as" in told
 
 
+def test_marks_that_end_lines_elsewhere_end_none_here(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda n: row_of(n) + ",one\x0ctwo\u2028three", "by\x0bme\nid,t,x,y,note")
+    keys, _, tracks = drafted(path, tmp_path)
+    assert keys["skip_lines"] == 1
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
 def test_a_few_rows_of_another_width_cost_no_header_and_are_told(tmp_path):
     """Before any of the others, too; in a preamble they may be no rows, so that is asked."""
     for odd in (range(2), range(48, 50)):

@@ -59,6 +59,15 @@ def test_other_lines_of_json_are_counted(write):
     assert account.scenes is None
 
 
+def test_a_person_is_the_same_with_and_without_a_point(write):
+    path = write(
+        trajnet([scene(p=1, fps=2.5)], people=(1.0, 2)) + trajnet([scene(p=2.0, fps=2.5)], people=(1,), rows=1)
+    )
+    tracks, account = read_recording(path, FileFormat(reader="trajnet"))
+    assert set(tracks.track_id.tolist()) == {1, 2}
+    assert account.scenes.track_id.tolist() == [1, 2]
+
+
 BAD_SCENES = [
     *({"fps": 2.5}, scene(p=None), scene(s="0"), scene(s=50), scene(s=60), scene(e=float("inf"))),
     *(scene(fps=fps) for fps in (0, -1, "2.5", float("nan"), True)),
@@ -180,6 +189,15 @@ def test_bodies_of_a_magni_file_are_people_in_metres(write):
     assert set(tracks.track_id.tolist()) == {id_of("Helmet_1"), id_of("Helmet_2")}  # a carried object is none
     steady(tracks, 1.2)
     assert set(tracks.y[tracks.track_id == id_of("Helmet_1")].tolist()) == {0.5}
+
+
+@pytest.mark.parametrize("ends", ["\n", "\r", "\r\n"])
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_a_magni_file_that_a_table_calculation_wrote_again(write, ends, quote):
+    lines = [",".join(f"{quote}{one}{quote}" for one in line.split(",")) for line in magni().splitlines()]
+    found = read_recording(write(ends.join([*lines, ""]).encode()), FileFormat(reader="magni"))[0]
+    expected = read_recording(write(magni(), "plain.csv"), FileFormat(reader="magni"))[0]
+    np.testing.assert_array_equal(np.array(found), np.array(expected))
 
 
 def test_a_body_out_of_sight_is_cut(write):

@@ -19,10 +19,6 @@ _SEPARATORS = (";", "\t", ",", "|", None)  # None: blanks; of those that fit as 
 _MARKS = ((".", ""), (",", ""), (".", ","), (".", "'"), (".", " "), (",", "."), (",", "'"), (",", " "))  # likewise
 _LEAST_COLUMNS = 3  # of one person's file: a time and two positions
 _MOST_ODD = 0.05  # of rows that may have another number of fields, and are not read
-_BINARY = {
-    b"\x89HDF": "HDF5", b"SQLite format 3": "SQLite", b"PAR1": "Parquet", b"PK\x03\x04": "a zip archive or a workbook",
-    b"\x93NUMPY": "a numpy array", b"\x80": "a pickle", b"MATLAB": "a MATLAB file", b"ARROW1": "Arrow",
-}  # fmt: skip
 
 
 class Sheet(NamedTuple):
@@ -61,12 +57,8 @@ def first_lines(path: str | Path | People) -> list[str]:
     lines: list[str] = []
     size = 0
     for block in line_blocks(path):
-        if not lines:
-            kind = next((name for start, name in _BINARY.items() if block.startswith(start)), None)
-            if kind or b"\0" in block[:4096].replace(codecs.BOM_UTF16_LE, b""):
-                what = kind or "not text, or text in UTF-16"
-                raise DataError(f"{path}: is {what}; export it as CSV in UTF-8, one row for each person and time")
-        lines += block.removeprefix(codecs.BOM_UTF8).decode("utf-8", "replace").splitlines()
+        text = block.removeprefix(codecs.BOM_UTF8).decode("utf-8", "replace").removesuffix("\n")
+        lines += [line.rstrip("\r") for line in text.split("\n")]  # no other line ends, as readers count lines
         size += len(block)
         if len(lines) >= MOST_LINES or size >= MOST_BYTES:
             break

@@ -148,8 +148,8 @@ def _head(recording: Recording) -> Hashable:
 
 def _stored(file: str | Path) -> tuple[str, str | None]:
     """The file on disk that holds a recording, and the member of it that `archive.zip/member.csv` names."""
-    before, inside, member = str(file).partition(".zip/")
-    return (before + ".zip", member) if inside else (str(file), None)
+    stored, *member = re.split(r"(?i)(?<=\.zip)/", str(file), maxsplit=1)
+    return stored, member[0] if member else None
 
 
 def _told(recording: Recording) -> str:

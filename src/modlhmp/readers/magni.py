@@ -66,7 +66,8 @@ def _table(path):
     """The names of the columns, the table below them as text, and how many lines have another length."""
     text = read_whole(path)
     lines = text.removeprefix(b"\xef\xbb\xbf").split(b"\n", 64)
-    at = next((n for n, line in enumerate(lines[:-1]) if line.startswith((b"Frame,", b"Time,"))), None)
+    begins = (b"Frame,", b"Time,", b'"Frame",', b'"Time",')
+    at = next((n for n, line in enumerate(lines[:-1]) if line.startswith(begins)), None)
     if at is None:
         raise DataError(f"{path}: no line of column names that begins with `Frame,`: is `reader: magni` right?")
     if (columns := lines[at].count(b",") + 1) > MOST_COLUMNS:

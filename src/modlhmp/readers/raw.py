@@ -28,6 +28,14 @@ MOST_TIMES, LEAST_BYTES = 250, 1 << 26  # how much larger than its archive a tex
 _DAMAGED = (
     EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile, zipfile.BadZipFile, RuntimeError, NotImplementedError
 )  # fmt: skip
+# How files begin that are no text, and what they are.
+_PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"7z\xbc\xaf": "7-Zip", b"\x28\xb5\x2f\xfd": "zstd"}
+_BINARY = {
+    b"\x89HDF": "HDF5 (`reader: hdf5`, if it is of the Pedestrian Dynamics Data Archive)",
+    b"SQLite format 3": "SQLite (`reader: jupedsim`, if it is JuPedSim's)", b"PAR1": "Parquet",
+    b"PK\x03\x04": "a zip archive or a workbook", b"\x93NUMPY": "a numpy array", b"\x80": "a pickle",
+    b"MATLAB": "a MATLAB file", b"ARROW1": "Arrow",
+}  # fmt: skip
 FILE_COLUMN = "file"  # what the column of people's files is called
 
 
@@ -35,7 +43,7 @@ def archive_and_member(path: str | Path) -> tuple[Path, str | None]:
     """Split `day.zip/member.csv` into (`day.zip`, `member.csv`); a plain path gives (path, None)."""
     path = Path(path)
     for parent in path.parents:
-        if parent.suffix == ".zip" and parent.is_file():
+        if parent.suffix.lower() == ".zip" and parent.is_file():
             return parent, path.relative_to(parent).as_posix()
     return path, None
 
@@ -43,8 +51,8 @@ def archive_and_member(path: str | Path) -> tuple[Path, str | None]:
 def stem_of(file: str | Path) -> str:
     """The name of a recording's file without its suffixes: `tracks.01Jul` of `days/tracks.01Jul.csv.gz`."""
     name = Path(file).name
-    for suffix in COMPRESSED:
-        name = name.removesuffix(suffix)
+    if name.lower().endswith(COMPRESSED):
+        name = name.rpartition(".")[0]
     stem, _, suffix = name.rpartition(".")
     return stem if stem and suffix.lower() in SUFFIXES else name
 
@@ -67,12 +75,13 @@ def open_raw(path: str | Path) -> Iterator[IO[bytes]]:
             raw = stack.enter_context(open(file, "rb"))
             bar = stack.enter_context(progress(total=file.stat().st_size, desc=file.name, unit="B", unit_scale=True))
             counted = CallbackIOWrapper(bar.update, raw)
-            if file.suffix == ".zip":
+            suffix = file.suffix.lower()
+            if suffix == ".zip":
                 archive = stack.enter_context(zipfile.ZipFile(counted))
                 opened = stack.enter_context(archive.open(member or _only_member(file, archive)))
                 yield cast(IO[bytes], CallbackIOWrapper(_unpacked(file), opened))
-            elif file.suffix in {".gz", ".bz2"}:
-                opened = stack.enter_context({".gz": gzip, ".bz2": bz2}[file.suffix].open(counted))
+            elif suffix in {".gz", ".bz2"}:
+                opened = stack.enter_context({".gz": gzip, ".bz2": bz2}[suffix].open(counted))
                 yield cast(IO[bytes], CallbackIOWrapper(_unpacked(file), opened))
             else:
                 yield cast(IO[bytes], counted)
@@ -107,13 +116,36 @@ def _unpacked(file):
     return more
 
 
+def _check_text(path, content):
+    """Whether a file that begins so is text; `DataError` that says what it is."""
+    packed = next((name for start, name in _PACKED.items() if content.startswith(start)), None)
+    packed = "tar" if content[257:262] == b"ustar" else packed
+    if packed:
+        raise DataError(f"{path}: is packed by {packed}: unpack it, or pack it as .gz, .bz2 or .zip and call it so")
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise DataError(f"{path}: is UTF-16 text; save it as UTF-8")
+    kind = next((name for start, name in _BINARY.items() if content.startswith(start)), None)
+    head = content[:4096]
+    if kind or b"\0" in head.partition(b"\n")[0] or head.count(b"\0") > len(head) // 50:  # not a line of garbage
+        what = kind or "not text, or text in UTF-16"
+        raise DataError(f"{path}: is {what}; export it as CSV in UTF-8, one row for each person and time")
+
+
+def _with_newlines(text):
+    """Lines that end as old Macintosh files' do, or some of them, with newlines."""
+    if b"\r" in text and text.count(b"\r") > text.count(b"\r\n"):
+        return re.sub(rb"\r(?!\n)", b"\n", text)
+    return text
+
+
 def read_whole(path: str | Path) -> bytes:
-    """The bytes of a recording; `DataError` as `open_raw`, and where they are too many to be held at once."""
+    """The bytes of a text; `DataError` as `open_raw`, where it is none, and where they are too many to be held."""
     with open_raw(path) as file:
         content = file.read(MOST_WHOLE_BYTES + 1)
     if len(content) > MOST_WHOLE_BYTES:
         raise DataError(f"{path}: has more than {MOST_WHOLE_BYTES >> 20} MiB, which this form cannot have; divide it")
-    return content
+    _check_text(path, content)
+    return _with_newlines(content)
 
 
 def ids_of_people(files: Sequence[str | Path]) -> list[str]:
@@ -153,8 +185,7 @@ class People(NamedTuple):
                     f"{file}: its name is an id, so it may hold neither {self.separator!r} nor quotes, tabs and ends "
                     f"of lines, nor begin with a comment's {self.comment!r}: rename it"
                 )
-            text = read_whole(file).removeprefix(codecs.BOM_UTF8)
-            lines = (text if b"\n" in text else text.replace(b"\r", b"\n")).splitlines()[self.skip_lines :]
+            lines = read_whole(file).removeprefix(codecs.BOM_UTF8).splitlines()[self.skip_lines :]
             begin = next((n for n, line in enumerate(lines) if self._is_row(line)), len(lines))
             yield b"".join(line + b"\n" for line in lines[:begin] if line.strip())
             if self.header and begin < len(lines):
@@ -182,17 +213,17 @@ class People(NamedTuple):
 
 
 def line_blocks(path: str | Path | People, size: int = BLOCK_BYTES) -> Iterator[bytes]:
-    """Yield the file as byte blocks of whole lines, about `size` bytes each; `DataError` if it is empty."""
+    """Yield the file as byte blocks of whole lines, about `size` bytes each; `DataError` if it is empty or no text."""
     if isinstance(path, People):
         yield from _gathered(path.lines(), size)
         return
     rest, seen = b"", False
     with open_raw(path) as file:
         while chunk := file.read(size):
+            if not seen:
+                _check_text(path, chunk)
             seen = True
-            text = chunk + file.read(1) if chunk.endswith(b"\r") else chunk
-            if b"\r" in text and text.count(b"\r") > text.count(b"\r\n"):  # old Macintosh lines, or some of them
-                text = re.sub(rb"\r(?!\n)", b"\n", text)
+            text = _with_newlines(chunk + file.read(1) if chunk.endswith(b"\r") else chunk)
             cut = text.rfind(b"\n") + 1
             if cut:
                 yield rest + text[:cut]

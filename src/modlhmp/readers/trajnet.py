@@ -129,23 +129,29 @@ def _one_line(line, number, rows, scenes, account):
         account.drop_rows("prediction", 1, example)
     elif None in values or "p" not in track:
         account.drop_rows("text_value", 1, example)
-    elif str(track["p"]) in NOBODY:
+    elif _text(track["p"]) in NOBODY:
         account.drop_rows("no_track_id", 1, example)
     elif not np.isfinite(values).all():
         account.drop_rows("nan_value", 1, example)
     else:
-        rows.append((account.owners.number(str(track["p"])), frame, x, y))
+        rows.append((account.owners.number(_text(track["p"])), frame, x, y))
 
 
 def _scene(scene, number, owners):
     """A scene's primary, frames and rows per second; None where it has none."""
     first, last, fps = (_number(scene.get(name)) for name in ("s", "e", "fps"))
-    whose = str(scene.get("p"))
+    whose = _text(scene.get("p"))
     if whose in NOBODY or first is None or last is None or not -np.inf < first < last < np.inf:
         return None
     if scene.get("fps") is not None and not (fps is not None and 0 < fps < np.inf):
         return None
     return _Scene(owners.number(whose), first, last, fps, f"scene {scene.get('id', '')} (row {number})")
+
+
+def _text(person):
+    """Whose a row or a scene is: 1.0 is 1, as JSON does not tell the two apart."""
+    whole = isinstance(person, float) and person.is_integer()
+    return str(int(person)) if whole else str(person)
 
 
 def _number(value):
