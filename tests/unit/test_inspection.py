@@ -1,6 +1,7 @@
 """`modlhmp inspect`: what it guesses of a file, the draft that it prints, and what it says of a dataset."""
 
 import html.parser
+import json
 import shutil
 import sqlite3
 import sys
@@ -120,26 +121,62 @@ def test_a_draft_of_a_small_file_is_one_that_loads(tmp_path, name):
     assert keys.get("time_step_s") == step
 
 
-def test_a_simulator_s_database(tmp_path):
+def simulated(path, away):
+    """A simulator's database of people so far from the origin (x, y)."""
     person, t, x, y = people(number=30).T[:4]
-    with sqlite3.connect(tmp_path / "run.sqlite") as file:
+    with sqlite3.connect(path) as file:
         file.execute("CREATE TABLE trajectory_data (frame INTEGER, id INTEGER, pos_x REAL, pos_y REAL)")
         file.execute("CREATE TABLE metadata (key TEXT, value TEXT)")
         file.execute("INSERT INTO metadata VALUES ('fps', '10')")
-        rows = zip((10 * t).astype(int).tolist(), person.astype(int).tolist(), x.tolist(), y.tolist(), strict=True)
-        file.executemany("INSERT INTO trajectory_data VALUES (?, ?, ?, ?)", rows)
+        columns = (10 * t).astype(int), person.astype(int), x + away[0], y + away[1]
+        file.executemany(
+            "INSERT INTO trajectory_data VALUES (?, ?, ?, ?)", zip(*(one.tolist() for one in columns), strict=True)
+        )
     file.close()
-    keys, dataset = draft_of(tmp_path / "run.sqlite", tmp_path)
+    return path
+
+
+def test_a_simulator_s_database(tmp_path):
+    keys, dataset = draft_of(simulated(tmp_path / "run.sqlite", (0, 0)), tmp_path)
     assert keys["reader"] == "jupedsim"
     assert keys["clock"] == "unknown"
-    assert sum(len(clean_recording(one.path, dataset, one)[0].t) for one in dataset.recordings) == len(t)
+    assert "origin_m" not in keys
+    assert sum(len(clean_recording(one.path, dataset, one)[0].t) for one in dataset.recordings) == 600
+
+
+@pytest.mark.parametrize("kind", ["sqlite", "h5", "ndjson", "ndjson without fps"])
+def test_a_national_grid_gets_a_local_origin_in_known_forms(tmp_path, kind):
+    path = tmp_path / f"run.{kind.split()[0]}"
+    person, t, x, y = people(number=30).T[:4]
+    x, y = x + 512_345, y + 6_570_123
+    if kind == "sqlite":
+        simulated(path, (512_345, 6_570_123))
+    elif kind == "h5":
+        h5py = pytest.importorskip("h5py")
+        rows = np.rec.fromarrays([person.astype(int), (10 * t).astype(int), x, y], names="id,frame,x,y")
+        with h5py.File(path, "w") as file:
+            file.create_dataset("trajectory", data=rows).attrs["fps"] = 10.0
+    else:
+        fps = {} if "without" in kind else {"fps": 1.0}  # of rows, every 10 frames
+        lines = [{"scene": {"id": 0, "p": 0, "s": 0, "e": 190, **fps}}]
+        lines += [{"track": {"f": round(10 * f), "p": int(p), "x": e, "y": n}}
+                  for p, f, e, n in zip(person, t, x, y, strict=True)]  # fmt: skip
+        path.write_text("\n".join(map(json.dumps, lines)) + "\n")
+    found = inspect_file(path, tmp_path)
+    keys, dataset = draft_of(path, tmp_path)
+    assert np.abs(np.subtract(keys["origin_m"], (512_345, 6_570_123))).max() <= 100
+    assert "origin_m" in next(line for line in found.draft.splitlines() if "whole metres" in line)
+    assert sum(len(clean_recording(one.path, dataset, one)[0].t) for one in dataset.recordings) > 500
 
 
 @pytest.mark.parametrize(("site", "reader"), [("hall", "delimited"), ("forum", "edinburgh")])
 def test_the_demo_s_raw_files(tmp_path, site, reader):
-    write_recording(tmp_path / "day.txt", site, "2030-10-02", seed=1, scale=0.1)
-    keys, dataset = draft_of(tmp_path / "day.txt", tmp_path)
+    path = tmp_path / "day.txt"
+    write_recording(path, site, "2030-10-02", seed=1, scale=0.1)
+    keys, dataset = draft_of(path, tmp_path)
     assert keys["reader"] == reader
+    (tmp_path / "mac.txt").write_bytes(path.read_bytes().replace(b"\n", b"\r"))
+    assert guess(tmp_path / "mac.txt").keys == guess(path).keys
     if site == "hall":
         assert keys["columns"] == {**NUMBERED, "speed": 5, "heading": 6}
         assert keys["units"] == {"length": "mm"}

@@ -280,12 +280,18 @@ def test_quoted_ids_may_hold_the_separator(tmp_path):
         ("id,minutes,x,y", "{p},{minutes:.6f},{x:.3f},{y:.3f}", "minutes"),
         ("id,t,x,y", "{p},{minutes:.6f},{x:.3f},{y:.3f}", "minutes"),
         ("id,t,lat,lon", "{p},{t:.1f},{lat:.8f},{lon:.8f}", "project them to metres"),
+        ("id,t,x,y", "{p},{digits:08.1f},{x:.3f},{y:.3f}", "times such as 085913.0 are hours, minutes and seconds"),
+        ("id,t,x,y", "{p},20260302{whole:06d},{x:.3f},{y:.3f}", "written as one number"),
+        ("id,t,x,y", "{p},{thousandths:09.0f},{x:.3f},{y:.3f}", "written as one number"),
         ("id,t,x,y", "{p},{t:.1f},{lon:.8f},{lat:.8f}", "project them to metres"),
         ("", "{p},{t:.1f},{lat:.8f},{lon:.8f}", "project them to metres"),
         ("date,time,id,x,y", "2026-03-02,{clock},{p},{x:.3f},{y:.3f}", "write both into one column"),
         ("t,x1,y1,x2,y2,x3,y3", "{t:.1f},{x:.2f},{y:.2f},{y:.2f},{x:.2f},{y:.2f},{y:.2f}", "one row for each person"),
+        ("t,id1,x1,y1,id2,x2,y2", "{t:.1f},{p},{x:.2f},{y:.2f},7,{y:.2f},{x:.2f}", "one row for each person"),
+        ("t,a_x,a_y,b_x,b_y", "{n},{n:.2f},{y:.2f},{y:.2f},{n:.2f}", "or, where a line holds several people"),
         ("id,t,x,y", '{p},{t:.1f},"{mm:,.0f}","{mm:,.0f}"', "no numbers"),
         ("id,Datum,x,y", "{p},02.03.2026 {clock},{x:.3f},{y:.3f}", "times such as '02.03.2026 09:00:00.0' are neither"),
+        ("id;Uhrzeit;x;y", "{p};{clock};{x:.3f};{y:.3f}", "times such as '09:00:00.0' are neither"),
         ("id,date,x,y", "{p},2026/3/2 {clock},{x:.3f},{y:.3f}", "nor ISO 8601 (2026-03-02T09:00:00.5"),
         ("id,t,x,y", "{p},{unix:.6e},{x:.3f},{y:.3f}", "times written with all of their digits"),
         ("id,t,x,y", "{p},{slow:.0f},{x:.3f},{y:.3f}", "rows of a person are 200 s apart, read with times in frame"),
@@ -293,8 +299,11 @@ def test_quoted_ids_may_hold_the_separator(tmp_path):
 )
 def test_what_no_option_reads_is_answered_with_the_remedy(tmp_path, header, line, told):
     def written(n):
+        minutes, seconds = divmod(32_353 + 1.7 * T[n] + 9 * PERSON[n], 60)
+        digits = minutes // 60 * 10_000 + minutes % 60 * 100 + seconds
         return line.format(
-            p=PERSON[n], t=T[n], x=X[n], y=Y[n], days=46083.375 + T[n] / 86400, minutes=T[n] / 60,
+            digits=digits, whole=int(digits), thousandths=1000 * digits,
+            n=n, p=PERSON[n], t=T[n], x=X[n], y=Y[n], days=46083.375 + T[n] / 86400, minutes=T[n] / 60,
             lat=59.2741 + Y[n] / 111_000, lon=15.2066 + X[n] / 56_900, mm=1000 * X[n],
             unix=1772442000 + T[n], slow=5000 * T[n], clock=f"09:{int(T[n]) // 60:02d}:{T[n] % 60:04.1f}",
         )  # fmt: skip
@@ -378,6 +387,17 @@ def test_a_folder_of_recordings_lists_them(tmp_path):
     assert len(tracks) == 3
 
 
+@pytest.mark.parametrize("text", ["1772528400000", "unknown"])
+def test_a_folder_s_files_with_other_times_are_refused_by_name(tmp_path, text):
+    (tmp_path / "days").mkdir()
+    line = "{p},{t},{x:.3f},{y:.3f}"
+    for name, times in (("a", 1_772_442_000 + T), ("b", [text] * 300)):
+        rows = [line.format(p=PERSON[n], t=t, x=X[n], y=Y[n]) for n, t in enumerate(times)]
+        (tmp_path / f"days/{name}.csv").write_text("\n".join(["id,t,x,y", *rows]) + "\n")
+    told = refused(tmp_path / "days")
+    assert "b.csv: times in column 't' are none in s" in told
+
+
 def test_a_folder_without_a_recording_is_refused(tmp_path):
     (tmp_path / "nothing").mkdir()
     assert "no file" in refused(tmp_path / "nothing")
@@ -454,6 +474,18 @@ def test_robots_among_the_ids(tmp_path):
     assert sum(len(part.t) for part in tracks) == (PERSON != 4).sum()
 
 
+@pytest.mark.parametrize("others", ["x_px,y_px", "px,py", "x [mm],y [mm]"])
+def test_metres_are_preferred_to_other_lengths_beside_them(tmp_path, others):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]},{T[n]:.1f},{900 * X[n]:.0f},{900 * Y[n]:.0f},{X[n]:.3f},{Y[n]:.3f}",
+        f"id,t,{others},x_m,y_m",
+    )
+    keys, _, _ = drafted(path, tmp_path)
+    assert keys["columns"] == {**PLACES, "x": "x_m", "y": "y_m"}
+    assert "units" not in keys
+
+
 @pytest.mark.parametrize("unit", ["km", "standing", "minutes of iso"])
 def test_where_nothing_gives_a_walking_speed_positions_stay_metres_and_are_asked_about(tmp_path, unit):
     def line(n):
@@ -520,6 +552,92 @@ def test_other_tables_are_refused_with_the_reason(tmp_path, content, told):
     path = tmp_path / "a.csv"
     path.write_text(content)
     assert told in refused(path)
+
+
+# --- lines that are no rows, or other rows ------------------------------------------------------------------
+
+
+def row_of(n):
+    return f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}"
+
+
+@pytest.mark.parametrize("header", ["id,t,x,y", "id,t,x,y,note", ""])
+@pytest.mark.parametrize(
+    "line",
+    [
+        lambda n: row_of(n) + ",begun" * (n >= 200),
+        lambda n: row_of(n) + ",ends" * (n < 200),
+        lambda n: row_of(n) + ",a,b" * (n % 4 == 0),
+        lambda n: row_of(n) + (',"two\nlines"' if n < 200 else ',"one"'),
+    ],
+)
+def test_rows_of_many_widths_are_refused_and_never_skipped(tmp_path, header, line):
+    told = refused(file_of(tmp_path / "a.csv", line, header))
+    assert "write all rows with as many fields" in told or "write each row in one line" in told
+    assert "such as" in told
+
+
+def test_marks_that_end_lines_elsewhere_end_none_here(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda n: row_of(n) + ",one\x0ctwo\u2028three", "by\x0bme\nid,t,x,y,note")
+    keys, _, tracks = drafted(path, tmp_path)
+    assert keys["skip_lines"] == 1
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+def test_a_few_rows_of_another_width_cost_no_header_and_are_told(tmp_path):
+    """Before any of the others, too; in a preamble they may be no rows, so that is asked."""
+    for odd in (range(2), range(48, 50)):
+        path = file_of(tmp_path / "a.csv", lambda n, odd=odd: row_of(n) + ",x" * (n not in odd), "id,t,x,y,note")
+        keys, draft, tracks = drafted(path, tmp_path)
+        assert keys["columns"] == PLACES
+        assert "skip_lines" not in keys
+        assert f"decide: rows with other than 5 fields are not read: {len(odd)} " in draft
+        assert sum(len(part.t) for part in tracks) == len(ROWS) - len(odd)
+    _, draft, tracks = drafted(file_of(tmp_path / "a.csv", row_of, "30,2,2026\n0,0,1\nid,t,x,y"), tmp_path)
+    assert "decide" in line_of(draft, "skip_lines")
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+def test_ids_that_begin_like_comments(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda n: ("#" if PERSON[n] < 3 else "") + row_of(n), "id,t,x,y")
+    assert "decide" in line_of(drafted(path, tmp_path)[1], "comment")
+    for separator in (",", "  "):
+        path = file_of(
+            tmp_path / "b.csv",
+            lambda n, mark=separator: "#" + row_of(n).replace(",", mark),
+            "id,t,x,y".replace(",", separator),
+        )
+        keys, _, tracks = drafted(path, tmp_path)
+        assert not keys.get("comment")
+        assert sum(len(part.t) for part in tracks) == len(ROWS)
+    keys, draft, _ = drafted(file_of(tmp_path / "c.csv", row_of, "# by: me\nid,t,x,y"), tmp_path)
+    assert keys["comment"] == "#"
+    assert "decide" not in line_of(draft, "comment")
+
+
+@pytest.mark.parametrize("header", ["\nid,t,x,y", "\n  \n\nid,t,x,y", "\n", "id,t,x,y\n,,,\n,,,"])
+def test_blank_lines_at_the_start(tmp_path, header):
+    keys, _, tracks = drafted(file_of(tmp_path / "a.csv", row_of, header), tmp_path)
+    assert "skip_lines" not in keys
+    assert keys.get("header", False) == ("id" in header)
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+@pytest.mark.parametrize(
+    "below", [",s,m,m", "[-],[s],[m],[m]", "(1),(sec),(metres),(metres)", "int,float,float,float", "ID,Zeit,Ort,Ort"]
+)
+def test_a_row_of_units_or_types_below_the_names_is_no_header(tmp_path, below):
+    keys, _, tracks = drafted(file_of(tmp_path / "a.csv", row_of, f"id,t,x,y\n{below}"), tmp_path)
+    assert keys["columns"] == PLACES
+    assert "skip_lines" not in keys
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+@pytest.mark.parametrize("rows", [2, 3, 4])
+def test_a_table_may_be_short(tmp_path, rows):
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["id,t,x,y", *map(row_of, range(rows))]) + "\n")
+    assert yaml.safe_load(inspect_file(path).draft)["columns"] == PLACES
 
 
 def test_columns_of_nothing_are_no_table(tmp_path):

@@ -48,10 +48,11 @@ def choose(sheet: Sheet, values: Values, columns: Columns) -> Chosen:
 def _by_class(sheet: Sheet, column: int, found: Chosen) -> None:
     """Rows of what is no person, by a column that names it."""
     texts = [row[column] for row in sheet.rows]
-    kinds, called = Counter(texts), str(sheet.called(column))
-    named = column < len(sheet.names) and name_and_unit(sheet.names[column])[0] in _CLASSES
+    kinds = Counter(texts)
     if not 2 <= len(kinds) <= MOST_TEXTS:
         return
+    called = str(sheet.called(column))
+    named = column < len(sheet.names) and name_and_unit(sheet.names[column])[0] in _CLASSES
     words = {text: set(re.findall("[a-z]+", text.lower())) for text in kinds}
     others = sorted(text for text in kinds if words[text] & _OTHERS)
     people = sorted(text for text in kinds if words[text] & _PEOPLE and text not in others)

@@ -58,4 +58,10 @@ def first_day(file: Path, found: Guess) -> tuple[str, int]:
         )
     clock = values_of(sheet).numbers[:, column if isinstance(column, int) else sheet.names.index(column)]
     t = clock[np.isfinite(clock)] * SECONDS.get(found.form.units.time, 1.0)
-    return days_of(empty_tracks()._replace(t=t))
+    try:
+        return days_of(empty_tracks()._replace(t=t))
+    except (ValueError, OverflowError, OSError):  # no times at all, or of no year that there is
+        raise DataError(
+            f"{file}: times in column {column!r} are none in {found.form.units.time}, as those of the largest file of "
+            "the folder are; inspect it by itself"
+        ) from None

@@ -15,7 +15,7 @@ from modlhmp.file_format import LENGTH_M, FileFormat
 from modlhmp.inspection.chosen import choose, joint_ids
 from modlhmp.inspection.roles import Columns, Values, find_columns, one_person, pace_of, table_rows, values_of
 from modlhmp.inspection.sheet import Sheet, first_lines, read_sheet
-from modlhmp.inspection.unfit import PIXEL_M, refuse_times_in_two, refuse_unfit, refuse_without_columns
+from modlhmp.inspection.unfit import PIXEL_M, refuse_by_names, refuse_unfit, refuse_without_columns
 from modlhmp.inspection.velocities import velocity_columns
 from modlhmp.readers import read_recording
 from modlhmp.readers.delimited import MAX_DISTANCE_M, SECONDS
@@ -23,13 +23,14 @@ from modlhmp.readers.raw import People, open_raw
 from modlhmp.settings import check
 from modlhmp.site import MOST_STEP_S
 from modlhmp.speed_units import EXTENT_M, FOOT_M, USUAL_MPS, extent_of, rate_for
-from modlhmp.storage import boundary
+from modlhmp.storage import DataError, boundary
 from modlhmp.tracks import Tracks, usual_step
 
 _RATE = re.compile(r"(?:frame ?-?rate|fps)\D{0,3}(\d+(?:\.\d+)?)", re.I)
 _IN_CM = re.compile(r"\bin (cm|mm|m)\b|[xy]\s?[/\[(]\s?(cm|mm|m)\b", re.I)
 _UNIX = {"s": (3e8, 7e9), "ms": (3e11, 7e12), "us": (3e14, 7e15), "ns": (3e17, 7e18)}  # years 1980 to 2190
 _NEAR = "this gives a walking speed, but so do others near it"
+_MOVED = "whole metres of the file's frame; floor plans are moved by it as well"
 _OTHERS_M = {"ft": FOOT_M, "km": 1000.0}  # units of length that there is no option for
 _METRES = {**LENGTH_M, **_OTHERS_M}
 SCALES = (0.002, 0.3)  # metres that a pixel may have
@@ -63,12 +64,28 @@ def guess(path: str | Path) -> Guess:
 def _guess(path: str | Path) -> Guess:
     with open_raw(path) as file:
         head = file.read(1 << 16)
-    if known := _known_form(head):
-        if known.keys.get("frame_rate") == 0:
-            per_frame = pace_of(read_recording(path, replace(FileFormat(reader="trajnet"), frame_rate=1.0))[0])
-            known.keys["frame_rate"] = rate_for(per_frame) or 25.0
-        return known
-    return _of_table(path)
+    known = _known_form(head)
+    if known is None:
+        return _of_table(path)
+    if known.keys["reader"] != "edinburgh":
+        _ask_its_reader(path, known)
+    return known
+
+
+def _ask_its_reader(path: str | Path, found: Guess) -> None:
+    """The origin that the reader of a known form asks for, and the frame rate where the file does not say it."""
+    form = FileFormat(reader=found.keys["reader"], frame_rate=1.0 if found.keys.get("frame_rate") == 0 else None)
+    try:
+        rows, _ = read_recording(path, form)
+    except DataError as error:
+        asked = re.search(r"origin_m: \[(-?\d+), (-?\d+)\]", str(error))
+        if asked is None:
+            raise
+        found.keys["origin_m"] = [int(asked[1]), int(asked[2])]
+        found.asks["origin_m"] = _MOVED
+        rows, _ = read_recording(path, replace(form, origin_m=(int(asked[1]), int(asked[2]))))
+    if found.keys.get("frame_rate") == 0:
+        found.keys["frame_rate"] = rate_for(pace_of(rows)) or 25.0
 
 
 def guess_people(files: Sequence[str | Path]) -> Guess | None:
@@ -107,7 +124,7 @@ def _of_table(path: str | Path | People) -> Guess:
     """How a table in text is written, column by column."""
     sheet = read_sheet(path, first_lines(path))
     values = values_of(sheet)
-    refuse_times_in_two(path, sheet, values)
+    refuse_by_names(path, sheet, values)
     columns = find_columns(sheet, values, 0 if isinstance(path, People) else None)
     if columns is None:
         refuse_without_columns(path, sheet, values)
@@ -115,7 +132,7 @@ def _of_table(path: str | Path | People) -> Guess:
     sheet = sheet._replace(rows=[row for row, kept in zip(sheet.rows, chosen.rows, strict=True) if kept])
     values = values.take(chosen.rows)
     other = joint_ids(values, columns)
-    found = Guess(_layout(sheet) | chosen.keys, dict(chosen.asks), notes=list(chosen.notes))
+    found = Guess(_layout(sheet) | chosen.keys, sheet.asks | chosen.asks, notes=[*sheet.notes, *chosen.notes])
     found.keys["columns"] = {role: sheet.called(getattr(columns, role)) for role in ("track_id", "t", "x", "y")}
     if other is not None and columns.track_id is not None:
         found.keys["columns"]["track_id"] = [sheet.called(other), sheet.called(columns.track_id)]
@@ -139,7 +156,7 @@ def _of_table(path: str | Path | People) -> Guess:
 
 def _known_form(head: bytes) -> Guess | None:
     """The formats that are known by their first bytes."""
-    text = head.decode("utf-8", "replace").lstrip("\ufeff \r\n")
+    text = head.decode("utf-8", "replace").lstrip("\ufeff \r\n").replace("\r", "\n")
     if head.startswith(b"SQLite format 3"):
         return Guess({"reader": "jupedsim"})
     if head.startswith(b"\x89HDF"):
@@ -172,8 +189,10 @@ def _layout(sheet: Sheet) -> dict[str, Any]:
         keys["decimal"] = sheet.decimal
     if sheet.thousands:
         keys["thousands"] = sheet.thousands
-    if sheet.comment and not (sheet.comment == "#" and sheet.separator is None):
+    if sheet.comment and ("comment" in sheet.asks or not (sheet.comment == "#" and sheet.separator is None)):
         keys["comment"] = sheet.comment
+    elif sheet.separator is None and any(row[0].startswith("#") for row in sheet.rows):
+        keys["comment"] = ""
     if sheet.skip_lines:
         keys["skip_lines"] = sheet.skip_lines
     if sheet.header:
@@ -313,7 +332,7 @@ def _origin(found: Guess, rows: Tracks) -> None:
     east, north = (float(np.median(part)) * found.form.metres for part in (rows.x, rows.y))
     if np.hypot(east, north) > MAX_DISTANCE_M > 2 * extent_of(rows) * found.form.metres:
         found.keys["origin_m"] = [int(round(east, -2)), int(round(north, -2))]
-        found.asks["origin_m"] = "whole metres of the file's frame; floor plans are moved by it as well"
+        found.asks["origin_m"] = _MOVED
 
 
 def days_of(rows: Tracks, zone: Any = timezone.utc) -> tuple[str, int]:

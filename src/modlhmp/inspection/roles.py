@@ -28,6 +28,7 @@ _NAMES = {
 _ROLE = {name: role for role, names in _NAMES.items() for name in names.split()}
 _BOXES = {"x": "bbleft left xmin bbx xtl boxleft x1", "y": "bbtop top ymin bby ytl boxtop y1"}  # upper left corners
 _BOX = {name: role for role, names in _BOXES.items() for name in names.split()}
+_BEST_FIRST = {"m": 0, "cm": 1, "mm": 1, "km": 1, "ft": 1, "feet": 1, "px": 3, "pixel": 3, "pixels": 3}  # no unit: 2
 _HEIGHTS = {"z", "posz", "zpos", "positionz", "coordcentz", "zest"}
 MOST_NAME = 200  # characters of a column's name that are looked at: a search for its unit may take their square
 _UNIT = re.compile(
@@ -176,6 +177,8 @@ def _named(sheet, values):
             unit_of[position] = (
                 "frame" if plain.startswith("f") else "ms" if plain.endswith("ms") else unit_of[position]
             )
+    for role, of_box in found.keys() & {("x", False), ("y", False)}:
+        found[role, of_box].sort(key=lambda position: _BEST_FIRST.get(unit_of[position], 2))
     named = {role: positions[0] for (role, of_box), positions in found.items() if not of_box}
     for role in ("x", "y"):  # a column that holds one value is filled in, as in trackers' files of boxes
         varying = (p for of_box in (False, True) for p in found.get((role, of_box), []) if _spread(values, p) > 0)
@@ -224,21 +227,25 @@ def _are_corners(sheet, values, owner, t, x, y):
 def _by_values(values, named, owners):
     """The (id, time, x, y) that make the smoothest tracks, ids in one of the columns `owners`."""
     times = [named["t"]] if "t" in named else range(values.numbers.shape[1])
+    owners = [owner for owner in owners if owner is None or _are_ids(values, owner)]
     found = [_score(values, owner, t, named) for t in times for owner in owners if t != owner]
     score, chosen = min((one for one in found if one is not None), default=(np.inf, None))
     return chosen if score < UNTIDY else None
+
+
+def _are_ids(values, column):
+    """Whether a column may be of ids: no fractions, of more people than one, with more rows than one."""
+    whose, kinds = values.numbers[:, column], len(np.unique(values.codes[:, column]))
+    whole = whose[np.isfinite(whose)]
+    return np.array_equal(whole, np.rint(whole)) and 1 < kinds <= 0.5 * len(whose)
 
 
 def _score(values, owner, t, named):
     """(how far from people's tracks, the columns) of one choice of id and time; `owner` None: all are one person's."""
     clock = values.numbers[:, t]
     ids = np.zeros(len(clock), np.int64) if owner is None else values.codes[:, owner]
-    whose = np.zeros(len(clock)) if owner is None else values.numbers[:, owner]
-    numeric = np.isfinite(whose)
-    fractions = numeric.any() and not np.array_equal(whose[numeric], np.rint(whose[numeric]))
     usable = np.isfinite(clock)
-    alone = owner is not None and (ids == ids[0]).all()
-    if fractions or alone or usable.mean() < 0.8 or len(np.unique(ids)) > 0.5 * len(ids):
+    if usable.mean() < 0.8 or len(clock) < 2:
         return None
     by_file = np.lexsort((np.arange(len(ids)), ids))
     same = np.diff(ids[by_file]) == 0
@@ -251,6 +258,10 @@ def _score(values, owner, t, named):
     usual = np.median(steps[steps > 0])
     even = sum(np.mean(np.abs(steps - usual) < off * usual) for off in (0.5, 0.01)) / 2
     shared = 1 - len(np.unique(clock[usable])) / usable.sum()  # several people at a time
+    untidy = np.mean(steps == 0) + (1 - abs(float(np.mean(ahead)))) + 0.5 * (1 - even) + (1 - np.mean(same))
+    untidy += 0.2 * (1 - shared)
+    if untidy >= UNTIDY:  # whatever the positions are; a wide table has many columns to look at
+        return None
     smooth = {}
     for column in range(values.numbers.shape[1]):
         part, spread = values.numbers[order, column], _spread(values, column)
@@ -262,6 +273,4 @@ def _score(values, owner, t, named):
     y = named.get("y", next((column for column in places if column != x), None))
     if x is None or y is None or x not in smooth or y not in smooth:
         return None
-    untidy = np.mean(steps == 0) + (1 - abs(float(np.mean(ahead)))) + 0.5 * (1 - even) + (1 - np.mean(same))
-    untidy += 0.2 * (1 - shared)
     return smooth[x] + smooth[y] + untidy + 0.01 * ((owner or 0) + t), (owner, t, x, y)

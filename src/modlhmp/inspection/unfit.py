@@ -22,14 +22,15 @@ _NAMES_OF = {"min": "minutes", "mins": "minutes", "minute": "minutes", "hour": "
 _DATE = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{1,4}([ T,].*)?")
 _CLOCK = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
 _OF_A_SECOND = re.compile(r"(nanosec|nsec|nanosecond)s?$")
-_NUMBERED = re.compile(r"(?:pos)?([xy])(\d+)", re.IGNORECASE)
+_NUMBERED = re.compile(r"(?:pos)?_?([xy])_?(\d+)", re.IGNORECASE)
+_NUMBERED_ID = re.compile(r"(?:\w*id|ped\w*|person|agent|human|track)_?(\d+)", re.IGNORECASE)
 _SPREADSHEET = (20_000, 80_000)  # days since the last of 1899: of the years 1954 to 2119
 _FINE = 0.02  # units of time between rows: in seconds 50 times a second, in minutes about once
 _WALKS_MPS = (0.3, 3.0)
 
 
-def refuse_times_in_two(path: str | Path | People, sheet: Sheet, values: Values) -> None:
-    """`DataError` where a column holds what times have beyond whole seconds."""
+def refuse_by_names(path: str | Path | People, sheet: Sheet, values: Values) -> None:
+    """`DataError` where a column holds what times have beyond whole seconds, or a line several people."""
     for column, name in enumerate(sheet.names):
         part = values.numbers[:, column]
         if _OF_A_SECOND.search(re.sub(r"[^a-z]", "", name.lower())) and np.nanmax(part, initial=0) < 1e9:
@@ -37,23 +38,22 @@ def refuse_times_in_two(path: str | Path | People, sheet: Sheet, values: Values)
                 f"{path}: column {sheet.called(column)!r} holds what times have beyond whole seconds: add them up into "
                 "one column"
             )
+    if len({match[1] for name in sheet.names if (match := _NUMBERED_ID.fullmatch(name.strip()))}) > 1:
+        _refuse_several(path, sheet, least=2)
 
 
 def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Values) -> NoReturn:
     """`DataError` for a table in which no choice of id, time, x and y gives people who move."""
-    if _people_in_a_line(sheet):
-        raise DataError(
-            f"{path}: columns {', '.join(map(repr, sheet.names[:5]))} are of several people: write one row for each "
-            "person and time, with the person's id in a column"
-        )
+    _refuse_several(path, sheet, least=3)
     if one_person(sheet, values) is not None:
         raise DataError(
             f"{path}: has no column of ids: if every file is one person's, inspect its folder "
-            "(`modlhmp inspect FOLDER`); else say `columns` in a dataset file"
+            "(`modlhmp inspect FOLDER`); or, where a line holds several people, write one row for each person and "
+            "time; else say `columns` in a dataset file"
         )
-    dates = (c for c in range(len(sheet.rows[0])) if c not in values.iso and _DATE.fullmatch(sheet.rows[0][c].strip()))
-    if (column := next(dates, None)) is not None:
-        raise DataError(f"{path}: {_no_time(sheet.rows[0][column])}")
+    others = (text for column, text in enumerate(sheet.rows[0]) if column not in values.iso)
+    if (text := next((one for one in others if _DATE.fullmatch(one) or _CLOCK.fullmatch(one)), None)) is not None:
+        raise DataError(f"{path}: {_no_time(text)}")
     shown = "; ".join(" ".join(row) for row in sheet.rows[:2])[:120]
     raise DataError(
         f"{path}: no choice of id, time, x and y among its {len(sheet.rows[0])} columns gives people who move "
@@ -71,11 +71,15 @@ def refuse_unfit(path: str | Path | People, sheet: Sheet, values: Values, column
         raise DataError(f"{path}: {told}")
 
 
-def _people_in_a_line(sheet):
-    """Whether names are x1, y1, x2, y2, x3, y3: a line holds several people."""
+def _refuse_several(path, sheet, least):
+    """`DataError` where names are x1, y1, x2, y2, x3, y3, of at least so many people; two of them may be of a box."""
     numbered = [match for name in sheet.names if (match := _NUMBERED.fullmatch(name.strip()))]
     axes = {axis: {match[2] for match in numbered if match[1].lower() == axis} for axis in "xy"}
-    return min(len(of_axis) for of_axis in axes.values()) > 2 or axes == {"x": {"0", "1"}, "y": {"0", "1"}}
+    if min(map(len, axes.values())) >= least or axes == {"x": {"0", "1"}, "y": {"0", "1"}}:
+        raise DataError(
+            f"{path}: columns {', '.join(map(repr, sheet.names[:5]))} are of several people: write one row for each "
+            "person and time, with the person's id in a column"
+        )
 
 
 def _of_times(sheet, values, columns, rows):
@@ -92,6 +96,11 @@ def _of_times(sheet, values, columns, rows):
         return _no_time(texts[0])
     if columns.t in values.iso or not len(rows.t):
         return ""
+    if _are_digits_of_a_clock(clock):
+        return (
+            f"times such as {texts[0]} are hours, minutes and seconds of a clock, written as one number: write that "
+            "column as 2026-03-02T09:00:00.5, or in seconds"
+        )
     unit = _long_unit(sheet, columns, rows)
     if not unit:
         return ""
@@ -114,6 +123,16 @@ def _no_time(text):
 
 def _are_clock_times(sheet, column):
     return all(_CLOCK.fullmatch(row[column]) for row in sheet.rows[:50])
+
+
+def _are_digits_of_a_clock(clock):
+    """Whether numbers are 90102.5 for 9:01:02.5, maybe of thousandths: many minutes with no second from 60 to 99."""
+    for digits in (1, 1000):
+        minute, second = np.divmod(np.unique(clock[np.isfinite(clock)] // digits), 100)
+        within = (second < 60) & (minute % 100 < 60) & (minute // 100 % 100 < 24)
+        if within.all() and len(np.unique(second)) >= 30 and len(np.unique(minute)) >= 3:
+            return True
+    return False
 
 
 def _long_unit(sheet, columns, rows):
