@@ -376,7 +376,7 @@ def test_a_reader_that_stalls(episodes):
         with started(episodes, *(["--latest"] if latest else [])) as process:
             written = threading.Thread(target=lambda: (process.stdin.write(many), process.stdin.close()))
             written.start()
-            written.join(20)
+            written.join(120 if latest else 10)
             assert written.is_alive() != latest, "who waits for whom"
             told = [json.loads(line)["t0"] - T0 for line in process.stdout]
             said = process.stderr.read().decode()
