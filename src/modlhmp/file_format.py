@@ -189,29 +189,8 @@ def check_format(form: FileFormat, source: object) -> None:
     for unit, key in (("px", "scale"), ("frame", "frame_rate")):
         if unit in {form.units.time, form.units.length} and getattr(form, key) is None:
             raise DataError(f"{source}: units in {unit!r} need the key {key!r}")
-    for key in ("decimal", "thousands") if form.reader == "delimited" else ():
-        if getattr(form, key) == form.separator and not (form.header and form.separator == ","):
-            raise DataError(
-                f"{source}: {key} {form.separator!r} is also the separator; the two can be told apart only where such "
-                "numbers are quoted and a `header` gives the number of columns: save the file with ; between columns"
-            )
-    for key, mark in (("separator", form.separator), ("comment", form.comment or "#")):
-        shown = mark.isprintable() and (mark.isascii() or key == "comment")
-        if mark.isalnum() or mark in "+-.\"'" or not (shown or mark == "\t"):
-            raise DataError(
-                f"{source}: {key} {mark!r}: give one printable character of ASCII that is no part of numbers, words or "
-                "quotes, such as , ; | or #"
-            )
-    if form.thousands == form.decimal:
-        raise DataError(f"{source}: thousands {form.thousands!r} is also the decimal mark; correct one")
-    if form.homography is not None and len(form.homography) != 3:
-        raise DataError(f"{source}: homography: give three rows of three numbers")
-    if form.homography is not None and abs(float(np.linalg.det(np.array(form.homography)))) < 1e-12:
-        raise DataError(
-            f"{source}: homography: its rows depend on each other, so it takes a place to a line; correct it"
-        )
-    if form.homography is not None and form.units.length != "m":
-        raise DataError(f"{source}: homography takes positions to metres: leave out units.length")
+    _check_marks(form, source)
+    _check_homography(form, source)
     for column in form.missing:
         if column not in ("t", "x", "y", "speed", "heading"):
             raise DataError(f"{source}: missing: no field named {column!r}; it has t, x, y, speed, heading")
@@ -235,6 +214,38 @@ def check_format(form: FileFormat, source: object) -> None:
     for name, column in given.items():
         if twice := [other for other in given if other != name and given[other] == column]:
             raise DataError(f"{source}: columns: {name} and {twice[0]} are both column {column!r}; correct one")
+
+
+def _check_marks(form, source):
+    """Whether separator, comment and the marks of numbers are told apart."""
+    for key in ("decimal", "thousands") if form.reader == "delimited" else ():
+        if getattr(form, key) == form.separator and not (form.header and form.separator == ","):
+            raise DataError(
+                f"{source}: {key} {form.separator!r} is also the separator; the two can be told apart only where such "
+                "numbers are quoted and a `header` gives the number of columns: save the file with ; between columns"
+            )
+    for key, mark in (("separator", form.separator), ("comment", form.comment or "#")):
+        shown = mark.isprintable() and (mark.isascii() or key == "comment")
+        if mark.isalnum() or mark in "+-.\"'" or not (shown or mark == "\t"):
+            raise DataError(
+                f"{source}: {key} {mark!r}: give one printable character of ASCII that is no part of numbers, words or "
+                "quotes, such as , ; | or #"
+            )
+    if form.thousands == form.decimal:
+        raise DataError(f"{source}: thousands {form.thousands!r} is also the decimal mark; correct one")
+
+
+def _check_homography(form, source):
+    if form.homography is None:
+        return
+    if len(form.homography) != 3:
+        raise DataError(f"{source}: homography: give three rows of three numbers")
+    if abs(float(np.linalg.det(np.array(form.homography)))) < 1e-12:
+        raise DataError(
+            f"{source}: homography: its rows depend on each other, so it takes a place to a line; correct it"
+        )
+    if form.units.length != "m":
+        raise DataError(f"{source}: homography takes positions to metres: leave out units.length")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -99,11 +99,9 @@ class Learner:
 
 def learned(kept: UpdatedMap) -> Map:
     """The map as it is now; `DataError` where it holds nothing that a forecast could use."""
-    empty = DataError("Live: the map that is kept up to date is empty: add tracks first, as modlhmp map update does")
     try:
-        written = kept.written()
+        return kept.written()
     except DataError:
-        raise empty from None
-    if not any(len(table) for table in (written.whole, *written.hours.values()) if table is not None):
-        raise empty
-    return written
+        raise DataError(
+            "Live: the map that is kept up to date is empty: add tracks first, as modlhmp map update does"
+        ) from None
