@@ -122,8 +122,9 @@ def _copied_recording(seen):
         of = min(counts[first], counts[second])
         if shared > STOP_SHARED * of:
             names = f"{seen[first].recording.name} and {seen[second].recording.name}"
-            told = f"{names} ({seen[first].recording.split}) have the same walks, {shared} of {of}"
-            return Finding("copied_recording", "stop", told, "leave one of them out of `recordings`")
+            told = f"{names} ({seen[first].recording.split}) have the same walks, {shared} of {of}: these count twice"
+            remedy = "leave one of them out of `recordings`, or cut the files so that nobody is in both"
+            return Finding("copied_recording", "stop" if 2 * shared > of else "warn", told, remedy)
     return None
 
 

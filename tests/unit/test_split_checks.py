@@ -81,7 +81,10 @@ def test_a_recording_that_is_a_copy_of_another(split):
     others = (recording("a", split), longer), (recording("b", rest), tracks(number=40, seed=4, first_id=900))
     told = found(*others, (recording("c", split, "2026-03-03"), copied))["copied_recording"]
     assert told.severity == "stop" and "a and c" in told.text
-    assert "copied_recording" not in found(*others, (recording("c", split), tracks(number=20, seed=6, first_id=2000)))
+    fresh = tracks(number=20, seed=6, first_id=2000)
+    assert "copied_recording" not in found(*others, (recording("c", split), fresh))
+    some = concatenate([tracks(number=3), fresh])
+    assert found(*others, (recording("c", split), some))["copied_recording"].severity == "warn", "of an hour's border"
 
 
 def test_a_copy_in_another_form_is_refused(tmp_path):

@@ -10,6 +10,7 @@ import numpy as np
 from modlhmp.file_format import LENGTH_M
 from modlhmp.inspection.roles import Columns, Values, name_and_unit, one_person, pace_of
 from modlhmp.inspection.sheet import Sheet
+from modlhmp.plausibility import are_clock_digits
 from modlhmp.readers.raw import People
 from modlhmp.speed_units import EXTENT_M, USUAL_MPS, extent_of
 from modlhmp.storage import DataError
@@ -96,7 +97,7 @@ def _of_times(sheet, values, columns, rows):
         return _no_time(texts[0])
     if columns.t in values.iso or not len(rows.t):
         return ""
-    if _are_digits_of_a_clock(clock):
+    if are_clock_digits(clock):
         return (
             f"times such as {texts[0]} are hours, minutes and seconds of a clock, written as one number: write that "
             "column as 2026-03-02T09:00:00.5, or in seconds"
@@ -123,16 +124,6 @@ def _no_time(text):
 
 def _are_clock_times(sheet, column):
     return all(_CLOCK.fullmatch(row[column]) for row in sheet.rows[:50])
-
-
-def _are_digits_of_a_clock(clock):
-    """Whether numbers are 90102.5 for 9:01:02.5, maybe of thousandths: many minutes with no second from 60 to 99."""
-    for digits in (1, 1000):
-        minute, second = np.divmod(np.unique(clock[np.isfinite(clock)] // digits), 100)
-        within = (second < 60) & (minute % 100 < 60) & (minute // 100 % 100 < 24)
-        if within.all() and len(np.unique(second)) >= 30 and len(np.unique(minute)) >= 3:
-            return True
-    return False
 
 
 def _long_unit(sheet, columns, rows):
