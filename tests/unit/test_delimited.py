@@ -491,12 +491,13 @@ def test_ids_of_several_columns_belong_together(write):
 def test_ids_of_several_columns_are_the_same_however_they_are_written_and_never_another_s(write):
     """Quotes and blanks are no part of an id; nobody's rows are nobody's; a slash within a part is no border."""
     rows = ["c1, 7,0", '"c1", 7,1', '"c1","7",2', "a/b,c,0", "a,b/c,0", "a\\,/b,0", "a,\\//b,0"]
-    nobody = [",,0", ',"",1', "c1,,2", "NaN,7,3", "c1,-1,4", "-1,-1,5"]
+    rows += ["c1,-1,0", "c1,None,0"]  # a floor, or a group that is none: -1 is nobody's in the first column alone
+    nobody = [",,0", ',"",1', "c1,,2", "NaN,7,3", "c1,nan,4", "None,7,5", "-1,-1,6", "-1,7,7"]
     content = "\n".join(["cam,id,t,x,y", *(f"{row},0,0" for row in [*rows, *nobody]), ""])
     tracks, account = stranger(write, content, {**BY_NAME, "track_id": ["cam", "id"]})
     assert (tracks.track_id == id_of("c1/7")).sum() == 3
-    assert len(set(tracks.track_id.tolist())) == 5
-    assert dict(account.dropped_rows) == {"no_track_id": 4, "no_person": 2}
+    assert len(set(tracks.track_id.tolist())) == 7
+    assert dict(account.dropped_rows) == {"no_track_id": 6, "no_person": 2}
 
 
 def test_rows_of_others_and_what_was_not_measured_are_left_out(write):
