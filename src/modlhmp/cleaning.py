@@ -25,7 +25,8 @@ from modlhmp.tracks import Tracks, concatenate, laid_out, usual_step, whole_ids
 
 # Reasons for which readers drop a row that should have been somebody's position at a time.
 FAULTS = ("text_value", "nan_value", "infinite_value", "absurd_value", "wrong_column_count", "no_track_id")
-OTHERS = ("no_person", "outside_day")  # and one that may be right, but is nobody's, or of another time
+# Reasons that may be right: `no_person` by its id, and a time that `days` may have left out.
+OTHERS = {"no_person": "nobody's by their id and dropped", "outside_day": "of another day and dropped"}
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
 
 
@@ -50,8 +51,9 @@ def clean_recording(path: str | Path | People, form: FileFormat, recording: Reco
 def tell_of_faults(source: object, account: Mapping[str, Any]) -> None:
     """Warn of the rows of `source` that are dropped unasked: how many of all, and the first of each kind."""
     rows, first = account["rows"], account["first_seen"]
-    for reasons, told in ((FAULTS, "faulty and dropped"), (OTHERS, "dropped as nobody's (id -1) or of another day")):
-        found = {reason: count for reason, count in rows["dropped"].items() if reason in reasons}
+    checks = {one.partition(":")[0] for one in account.get("warnings", ())}  # which have told of their rows
+    for reasons, told in ((FAULTS, "faulty and dropped"), *(((one,), told) for one, told in OTHERS.items())):
+        found = {one: count for one, count in rows["dropped"].items() if one in reasons and one not in checks}
         kinds = (
             f"{n} {reason}" + (f" (first: {first[reason]})" if reason in first else "") for reason, n in found.items()
         )

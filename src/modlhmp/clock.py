@@ -14,7 +14,8 @@ _TIME = r"(?P<hour>\d\d)(?:(?P<colon>:?)(?P<minute>\d\d)(?:(?P=colon)(?P<second>
 _ZONE = r" ?(?P<zone>[Zz]|UTC|[+-](?P<hours>\d\d)(?::?(?P<minutes>[0-5]\d)(?::?(?P<seconds>[0-5]\d))?)?)"
 _MOMENT = re.compile(rf"{_DATE}(?:\D{_TIME}(?:{_ZONE})?)?", re.ASCII)
 _DAY_S = 86_400
-CLOCK = re.compile(r"([01][0-9]|2[0-3]):[0-5][0-9](:[0-5][0-9])?([+-][0-9]{2}:[0-9]{2})?")  # of a recording's start
+# Of a recording's start.
+CLOCK = re.compile(r"([01][0-9]|2[0-3]):[0-5][0-9](:[0-5][0-9]([.,][0-9]+)?)?([+-][0-9]{2}:[0-9]{2})?")
 
 
 @lru_cache(maxsize=1 << 16)
@@ -58,7 +59,7 @@ def _offset(match):
 
 
 def start_time(day: datetime, start: str, timezone: str) -> float | None:
-    """Unix time [s] of a clock time on a day, such as 09:00 or 02:30+01:00; None for any other text.
+    """Unix time [s] of a clock time on a day, such as 09:00, 09:00:00.5 or 02:30+01:00; None for any other text.
 
     `DataError` where the day has no such time, or has it twice, or where the zone has no such offset about that day.
     """

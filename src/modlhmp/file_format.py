@@ -38,6 +38,15 @@ _READS = {
     "text": tuple(key for key in _WRITTEN if key not in ("separator", "row_stride")),
     "delimited": tuple(key for key in _WRITTEN if key != "row_stride"),
 }
+# What readers take for granted, beside the defaults, of the keys and units that they do not read: it may be said.
+_GRANTED: dict[str, dict[str, tuple[Any, ...]]] = {
+    "atc": {"length": ("mm",), "speed": ("mm/s",)},
+    "atc_1hz": {"speed": ("m/s",)},
+    "magni": {"length": ("mm",)},
+    **{reader: {"time": ("frame",)} for reader in ("trajnet", "jupedsim", "hdf5")},
+    **{reader: {"length": ("px",), "time": ("frame",)} for reader in ("edinburgh", "edinburgh_rows")},
+    "text": {"separator": (" ", "\t")},
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,15 +187,17 @@ def check_format(form: FileFormat, source: object) -> None:
     for key in _READER_NEEDS.get(form.reader, ()):
         if getattr(form, key) is None:
             raise DataError(f"{source}: reader {form.reader!r} needs the key {key!r}")
-    defaults = FileFormat()
+    usual, granted = {**vars(FileFormat()), **vars(Units())}, _GRANTED.get(form.reader, {})
     for key in _WRITTEN:
-        if key not in _READS[form.reader] and getattr(form, key) != getattr(defaults, key):
+        said = vars(form.units) if key == "units" else {key: getattr(form, key)}
+        odd = any(value != usual[name] and value not in granted.get(name, ()) for name, value in said.items())
+        if odd and key not in _READS[form.reader]:
             known = ", ".join(_READS[form.reader])
             raise DataError(
                 f"{source}: reader {form.reader!r} does not read the key {key!r}, only {known}: leave it out, or "
                 "export the file as CSV and use `reader: delimited`"
             )
-    for unit, key in (("px", "scale"), ("frame", "frame_rate")):
+    for unit, key in (("px", "scale"), ("frame", "frame_rate")) if "units" in _READS[form.reader] else ():
         if unit in {form.units.time, form.units.length} and getattr(form, key) is None:
             raise DataError(f"{source}: units in {unit!r} need the key {key!r}")
     _check_marks(form, source)

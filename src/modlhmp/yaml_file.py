@@ -11,8 +11,10 @@ import yaml
 from modlhmp.storage import DataError, no_folder, refused
 
 _INT, _FLOAT = "tag:yaml.org,2002:int", "tag:yaml.org,2002:float"
-# Whole numbers that mean to everyone what they mean to YAML 1.1, for which 012 is ten, 1:30 ninety and 1_0 ten.
-_PLAIN_INT = re.compile(r"[-+]?(0|[1-9][0-9]*|[1-9][0-9]{0,2}(_[0-9]{3})+)")
+# Numbers that mean to everyone what they mean to YAML 1.1, for which 012 is ten, 1:30 ninety and 1_0 ten.
+_GROUPS = r"[1-9][0-9]{0,2}(_[0-9]{3})+"
+_PLAIN_INT = re.compile(rf"[-+]?(0|[1-9][0-9]*|{_GROUPS})")
+_PLAIN_FLOAT = re.compile(rf"[^:_]+|[-+]?{_GROUPS}\.[0-9]*([eE][-+][0-9]+)?")
 _MERGE = "tag:yaml.org,2002:merge"  # <<, of which there may be several
 MOST_CHARACTERS, MOST_VALUES, MOST_DEEP = 250_000, 100_000, 50
 
@@ -106,12 +108,12 @@ def _check_nodes(path: str | Path, node: yaml.Node | None, seen: set[int]) -> No
 
 def _check_number(path: str | Path, node: yaml.ScalarNode) -> None:
     """Whether a plain number is written as all read it."""
-    odd = node.tag == _INT and not _PLAIN_INT.fullmatch(node.value)
-    if odd or (node.tag == _FLOAT and {":", "_"} & set(node.value)):
+    plain = {_INT: _PLAIN_INT, _FLOAT: _PLAIN_FLOAT}.get(node.tag)
+    if plain and not plain.fullmatch(node.value):
         meant = yaml.SafeLoader("").construct_object(node)
         raise DataError(
-            f"{path}, line {node.start_mark.line + 1}: {node.value} is {meant:g} to YAML: quote it if it is text or a "
-            "time, or write the number without leading zeros, colons and underscores (1_000 may stay)"
+            f"{path}, line {node.start_mark.line + 1}: {node.value} is {meant} to YAML: quote it if it is text or a "
+            "time, or write the number in decimal digits without leading zeros, colons or underscores (1_000 may stay)"
         )
 
 

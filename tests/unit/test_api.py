@@ -116,11 +116,8 @@ def test_a_clean_recording_and_a_dataset_file(write, tmp_path):
         ("1,5,inf,0", "1 of 12 rows are faulty and dropped: 1 infinite_value (first: row 7: track_id 1, t 5, x inf"),
         ("1,5,5", "1 of 12 rows are faulty and dropped: 1 wrong_column_count (first: row 7: '1,5,5')"),
         ("1,5,5e9,0", "1 of 12 rows are faulty and dropped: 1 absurd_value (first: row 7: track_id 1, t 5, x 5e+09"),
-        (
-            "-1,5,5,0",
-            "1 of 12 rows are dropped as nobody's (id -1) or of another day: 1 no_person (first: row 7: track",
-        ),
-        ("1,86400,5,0", "1 of 12 rows are dropped as nobody's (id -1) or of another day: 1 outside_day (first: row 7"),
+        ("-1,5,5,0", "1 of 12 rows are nobody's by their id and dropped: 1 no_person (first: row 7: track_id -1"),
+        ("1,86400,5,0", "1 of 12 rows are of another day and dropped: 1 outside_day (first: row 7: track_id 1, t 8"),
         (",5,5,0", "1 of 12 rows are faulty and dropped: 1 no_track_id (first: row 7: track id is empty)"),
         ("1,5,5,0", None),
     ],
@@ -132,6 +129,18 @@ def test_faulty_rows_are_told(write, caplog, row, told):
     modlhmp.read_tracks(path, columns={"track_id": "p", "t": "t", "x": "x", "y": "y"}, day="1970-01-01")
     messages = [one.getMessage() for one in caplog.records]
     assert len(messages) == (told is not None) and all(one.startswith(f"{path}: {told}") for one in messages)
+
+
+@pytest.mark.parametrize("late", [30, 90])
+def test_rows_after_midnight_are_told_once(write, caplog, late):
+    """By the check where they are many, and with their number and the first one where they are few."""
+    rows = [f"{who},{86400 - 40 + n},{1.2 * n},{who}" for who in range(30) for n in range(20)]
+    rows += [f"x{n // 10},{86400 + n % 10},{n % 10},0" for n in range(late)]
+    path = write("p,t,x,y\n" + "\n".join(rows))
+    modlhmp.read_tracks(path, columns={"track_id": "p", "t": "t", "x": "x", "y": "y"}, day="1970-01-01")
+    told = [one.getMessage() for one in caplog.records if "outside_day" in one.getMessage()]
+    assert len(told) == 1
+    assert ("30 of 630 rows are of another day and dropped" in told[0]) == (late == 30)
 
 
 @pytest.mark.parametrize(

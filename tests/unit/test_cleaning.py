@@ -14,7 +14,7 @@ from modlhmp.ids import id_of
 from modlhmp.splits import BLOCK_S, CONTEMPORARIES_S, FOLDS, VALIDATION_SHARE, in_part, in_validation_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import backward_differences, interpolate
-from modlhmp.tracks import LATE_STEPS, Tracks, concatenate, empty_tracks, usable_tracks
+from modlhmp.tracks import Tracks, concatenate, empty_tracks, usable_tracks
 
 SCALE = 0.0247
 T0 = 1_277_971_200.0
@@ -221,15 +221,24 @@ def test_interpolation_is_that_of_each_track_alone(tracks, step_s):
     result = interpolate(concatenate(tracks), step_s)
     for one in tracks:
         found = result.take(result.track_id == one.track_id[0])
-        late = LATE_STEPS if np.diff(one.t[-2:]).sum() > step_s / 2 else 0.0
-        grid = one.t[0] + step_s * np.arange(int((one.t[-1] - one.t[0]) / step_s + late) + 1)
+        grid = one.t[0] + step_s * np.arange(len(found.t))
         assert found.t.tolist() == grid.tolist()
+        assert -0.05 * step_s <= one.t[-1] - grid[-1] < step_s  # the last row may be a little early
         np.testing.assert_allclose(found.x, np.interp(grid, one.t, one.x), atol=1e-6)
         np.testing.assert_allclose(found.y, np.interp(grid, one.t, one.y), atol=1e-6)
         assert np.isnan([found.speed[0], found.heading[0]]).all()
         dx, dy = np.diff(found.x), np.diff(found.y)
         np.testing.assert_allclose(found.speed[1:], np.hypot(dx, dy) / step_s, atol=1e-9)
         np.testing.assert_allclose(found.heading[1:], np.arctan2(dy, dx))
+
+
+@pytest.mark.parametrize(
+    ("times", "rows"),
+    [([0, 2, 4], 3), ([0, 2, 3.9375], 3), ([0, 2, 3.875], 2), ([0, 2, 3.5, 3.9375], 2), ([0, 2, 3.5, 4], 3), ([0], 1)],
+)
+def test_a_last_row_may_be_early_where_rows_are_as_far_apart_as_steps(times, rows):
+    found = interpolate(track(1, T0 + np.array(times), np.array(times)), 2.0)
+    assert (found.t - T0).tolist() == [0, 2, 4][:rows]
 
 
 @given(tables(), st.randoms(use_true_random=False))

@@ -81,6 +81,11 @@ def test_a_start_is_a_clock_time_of_its_day(start):
     assert start_time(datetime(2026, 3, 2), start, "Europe/Stockholm") == 1772438400
 
 
+@pytest.mark.parametrize("start", ["09:00:00.5", "09:00:00,5", "09:00:00.500+01:00"])
+def test_a_start_may_have_parts_of_a_second(start):
+    assert start_time(datetime(2026, 3, 2), start, "Europe/Stockholm") == 1772438400.5
+
+
 @pytest.mark.parametrize("start", ["09:00-11:00", "09:00+05:00", "09:00+02:00"])
 def test_a_start_has_an_offset_that_its_zone_has(start):
     """09:00-11:00 is a span of time, and no place of this zone has that offset."""
@@ -89,7 +94,7 @@ def test_a_start_has_an_offset_that_its_zone_has(start):
     assert start_time(datetime(2026, 3, 28), "09:00+02:00", "Europe/Stockholm"), "clocks are put forward the next day"
 
 
-@pytest.mark.parametrize("start", ["9:00", "09", "0900", "09:00Z", "noon", "24:00", 9, None])
+@pytest.mark.parametrize("start", ["9:00", "09", "0900", "09:00Z", "09:00.5", "09:00:00.", "noon", "24:00", 9, None])
 def test_other_starts_are_no_clock_times(start):
     assert start_time(datetime(2026, 3, 2), start, BERLIN) is None
 

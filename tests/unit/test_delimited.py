@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from modlhmp.cleaning import clean_recording
 from modlhmp.file_format import Columns, FileFormat, Recording
 from modlhmp.ids import id_of
+from modlhmp.plausibility import check_recording
 from modlhmp.readers import atc, columns, delimited, raw, read_recording
 from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import line_blocks
@@ -491,12 +492,13 @@ def test_ids_of_several_columns_belong_together(write):
 def test_ids_of_several_columns_are_the_same_however_they_are_written_and_never_another_s(write):
     """Quotes and blanks are no part of an id; nobody's rows are nobody's; a slash within a part is no border."""
     rows = ["c1, 7,0", '"c1", 7,1', '"c1","7",2', "a/b,c,0", "a,b/c,0", "a\\,/b,0", "a,\\//b,0"]
-    nobody = [",,0", ',"",1', "c1,,2", "NaN,7,3", "c1,-1,4", "-1,-1,5"]
+    rows += ["c1,-1,0", "c1,None,0"]  # a floor, or a group that is none: -1 is nobody's in the first column alone
+    nobody = [",,0", ',"",1', "c1,,2", "NaN,7,3", "c1,nan,4", "None,7,5", "-1,-1,6", "-1,7,7"]
     content = "\n".join(["cam,id,t,x,y", *(f"{row},0,0" for row in [*rows, *nobody]), ""])
     tracks, account = stranger(write, content, {**BY_NAME, "track_id": ["cam", "id"]})
     assert (tracks.track_id == id_of("c1/7")).sum() == 3
-    assert len(set(tracks.track_id.tolist())) == 5
-    assert dict(account.dropped_rows) == {"no_track_id": 4, "no_person": 2}
+    assert len(set(tracks.track_id.tolist())) == 7
+    assert dict(account.dropped_rows) == {"no_track_id": 6, "no_person": 2}
 
 
 def test_rows_of_others_and_what_was_not_measured_are_left_out(write):
@@ -541,11 +543,31 @@ def test_plain_and_other_ids_in_one_file_are_what_each_is(write, monkeypatch, bl
         ("--inf", None),
         ("-+nan", None),
         ("--1", None),
-        ("-", None),
+        *((text, np.nan) for text in ("NA", "n/a", "NULL", "None", "-", "NaN")),
+        *((text, None) for text in ("-NA", "--", "none seen", "N")),
     ],
 )
 def test_numbers_are_read_strictly(text, found):
     np.testing.assert_equal(number(text), found)
+
+
+@pytest.mark.parametrize("text", ["NA", "N/A", "null", "None", "-", "nan"])
+def test_positions_that_were_not_seen_may_be_written_as_words(tmp_path, text):
+    """Two of three rows, as R and pandas write a table in which everyone has a row at every time."""
+    read = []
+    for word in ("", text):
+        rows = [
+            f"{who},{t},{t if who * 20 <= t < who * 20 + 20 else word},{who if who * 20 <= t < who * 20 + 20 else word}"
+            for t in range(60)
+            for who in range(3)
+        ]
+        path, form = tmp_path / "all.csv", FileFormat(header=True, columns=Columns(**BY_NAME))
+        path.write_text("\n".join(["id,t,x,y", *rows, ""]))
+        read.append(read_recording(path, form))
+        assert "unreadable_rows" not in [one.check for one in check_recording(*read[-1], form)]
+    (blank, blank_account), (named, account) = read
+    np.testing.assert_equal(tuple(named), tuple(blank))
+    assert account.dropped_rows == blank_account.dropped_rows == {"nan_value": 120}
 
 
 @pytest.mark.parametrize(

@@ -227,10 +227,33 @@ def test_a_text_to_choose_rows_by_that_no_row_has(tmp_path, caplog):
     path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + ",walker", "id,t,x,y,k")
     told = refusal(path, header=True, columns=PLACES, only={"k": ["adult", "child"]})
     assert "column 'k' holds 'walker'" in told
-    form = check(FileFormat, {"header": True, "columns": PLACES, "without": {"k": ["car"]}}, "test")
-    tracks, _ = clean_recording(path, form, Recording())  # a recording without cars is one
-    assert len(tracks.t) == len(ROWS)
-    assert "without: {k: [car]}: no row has that text; the file has 'walker'" in caplog.text  # or it is mistyped
+    for texts, near in ((["car", "bike"], ""), (["car", "walkers"], "walkers"), (["walk-in", "1"], "")):
+        form = check(FileFormat, {"header": True, "columns": PLACES, "without": {"k": texts}}, "test")
+        caplog.clear()
+        tracks, _ = clean_recording(path, form, Recording())  # a recording without cars is one
+        assert len(tracks.t) == len(ROWS)
+        assert [one.getMessage() for one in caplog.records] == [
+            f"{path}: without: {{k: [{text}]}}: no row has that text, but the file has 'walker': is it mistyped?"
+            for text in [near]
+            if text
+        ]
+
+
+@pytest.mark.parametrize(("key", "texts"), [("only", ["adult", "chidl"]), ("without", ["adult", "chidl"])])
+def test_a_mistyped_text_is_told_beside_one_that_is_there(tmp_path, caplog, key, texts):
+    """Children would be lost, or would walk among the people."""
+    kinds = ("adult", "child", "staff")
+    path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + f",{kinds[p % 3]}", "id,t,x,y,k")
+    form = {"header": True, "columns": PLACES, key: {"k": texts}}
+    clean_recording(path, check(FileFormat, form, "test"), Recording())
+    assert f"{key}: {{k: [chidl]}}: no row has that text, but the file has 'child': is it mistyped?" in caplog.text
+
+
+def test_numbers_to_choose_rows_by_are_not_taken_for_mistyped_ones(tmp_path, caplog):
+    path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + ",1", "id,t,x,y,k")
+    form = {"header": True, "columns": PLACES, "without": {"k": [11, 12]}}
+    clean_recording(path, check(FileFormat, form, "test"), Recording())
+    assert not caplog.records
 
 
 def test_a_preamble_before_a_line_that_is_longer_than_what_is_looked_at(tmp_path):

@@ -66,6 +66,19 @@ def test_a_draft_reads_what_was_written(tmp_path, written, units, moving):
         assert np.nanmedian(tracks.speed) == pytest.approx(1.3, abs=0.3)
 
 
+def test_positions_that_were_not_seen_may_be_words(tmp_path):
+    """Two of three rows, as R writes a table in which everyone has a row at every time."""
+    truth, drafts = people(number=30, rows=20), []
+    for word in ("", "NA", "null"):
+        rows = [f"{p:.0f},{t:.2f},{x:.3f},{y:.3f}" for p, t, x, y, _, _ in truth]
+        rows += [f"{p:.0f},{t + later:.2f},{word},{word}" for later in (500, 900) for p, t, *_ in truth]
+        path = tmp_path / "monday.csv"
+        path.write_text("id,t,x,y\n" + "\n".join(rows))
+        drafts.append(draft_of(path, tmp_path)[0])
+    assert drafts[0]["columns"] == PLACES
+    assert drafts[1] == drafts[2] == drafts[0]
+
+
 def test_columns_are_found_without_a_header_in_any_order(tmp_path):
     person, t, x, y, v, h = people(number=30).T
     order = np.argsort(t, kind="stable")

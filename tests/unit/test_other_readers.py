@@ -9,7 +9,7 @@ import pytest
 
 import modlhmp
 from modlhmp.cleaning import clean_recording
-from modlhmp.file_format import _READER_NEEDS, FileFormat, Recording, Split
+from modlhmp.file_format import _READER_NEEDS, Columns, FileFormat, Recording, Split, Units, check_format
 from modlhmp.ids import id_of
 from modlhmp.plausibility import check_recording
 from modlhmp.readers import read_recording
@@ -275,7 +275,7 @@ def test_some_positions_far_away_are_counted_whoever_reads(somewhere, simulated)
     ("key", "value"),
     [
         *(("only", {"k": ["car"]}), ("without", {"k": ["car"]}), ("missing", {"x": 0.0}), ("skip_lines", 1)),
-        *(("columns", {"track_id": 0, "t": 1, "x": 2, "y": 3}), ("units", {"length": "mm"}), ("separator", ";")),
+        *(("columns", {"track_id": 0, "t": 1, "x": 2, "y": 3}), ("units", {"length": "cm"}), ("separator", ";")),
         ("homography", [[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
     ],
 )
@@ -284,6 +284,30 @@ def test_a_key_that_a_reader_does_not_read_is_refused(write, reader, key, value)
     needed = {name: needed[name] for name in _READER_NEEDS.get(reader, ())}
     with pytest.raises(DataError, match=rf"reader '{reader}' does not read the key '{key}', only "):
         modlhmp.read_tracks(write("x"), reader=reader, **needed, **{key: value})
+
+
+@pytest.mark.parametrize(
+    ("reader", "said"),
+    [
+        *((reader, {"units": {"length": "px", "time": "frame"}}) for reader in ("edinburgh", "edinburgh_rows")),
+        *((reader, {"units": {"length": "px"}, "separator": ","}) for reader in ("edinburgh", "edinburgh_rows")),
+        *(("atc", {"units": units}) for units in ({"length": "mm"}, {"length": "mm", "speed": "mm/s"})),
+        *((("atc_1hz", {"units": {"speed": "m/s"}}), ("magni", {"units": {"length": "mm"}}))),
+        *((reader, {"units": {"time": "frame"}}) for reader in ("jupedsim", "hdf5", "trajnet")),
+        *(("text", {"separator": mark, "columns": Columns(track_id=0, t=1, x=2, y=3)}) for mark in " \t"),
+    ],
+)
+def test_what_a_reader_takes_for_granted_may_be_said(reader, said):
+    needed = {"frame_rate": 9.0, "scale": 0.02, "row_stride": 4}
+    needed = {name: needed[name] for name in _READER_NEEDS.get(reader, ()) if name != "columns"}
+    units = {"units": Units(**said["units"])} if "units" in said else {}
+    check_format(FileFormat(reader=reader, **{**needed, **said, **units}), "test")
+
+
+def test_columns_between_tabs_are_text(write):
+    path = write("".join(f"{who}\t{t}\t{t}\t{who}\n" for who in range(3) for t in range(9)))
+    tracks = modlhmp.read_tracks(path, reader="text", separator="\t", columns={"track_id": 0, "t": 1, "x": 2, "y": 3})
+    assert len(tracks.t) == 27
 
 
 # --- JuPedSim and the archive -------------------------------------------------------------------------------

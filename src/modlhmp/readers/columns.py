@@ -179,15 +179,18 @@ def _converted(field, given, converters, place):
 
 
 def _together(fields):
-    """What a row's fields of one text say: of an id of several parts nobody's, where one of them is.
+    """What a row's fields of one text say: of an id of several parts nobody's, where the first is, or one is empty.
 
-    Parts stand between slashes; one that a part holds has a backslash before it, so that no two ids are written alike.
+    Beyond the first, -1 may be a floor and None a group. Parts stand between slashes; one that a part holds has a
+    backslash before it, so that no two ids are written alike.
     """
     parts = [field.strip() for field in fields]
     if len(parts) == 1:
         return parts[0]
-    if nobody := [part for part in parts if part in NOBODY or part == NOBODYS]:
-        return nobody[0]
+    if parts[0] in NOBODY or parts[0] == NOBODYS:
+        return parts[0]
+    if any(part in ("", "nan", "NaN") for part in parts):
+        return ""
     return "/".join(part.replace("\\", r"\\").replace("/", r"\/") for part in parts)
 
 

@@ -4,6 +4,7 @@ The ATC readers are layouts of this one. Files are read in blocks; where rows ca
 once reduced to the last sample of every person and time step, so memory does not follow the raw rate.
 """
 
+import difflib
 import logging
 from collections.abc import Mapping
 from functools import partial
@@ -28,6 +29,7 @@ MAX_DISTANCE_M = 10_000.0  # farther from the origin, or faster, is a sensor fau
 MAX_SPEED_MPS = 15.0
 MAX_HEADING_RAD = 100.0
 MOST_TEXTS = 10_000  # of a column that rows are chosen by, which are remembered for messages
+NEAR = 0.7  # to a mistyped text, as difflib has it: child is near to chidl, but man not to van
 WHOLE_TURN_RAD = 8.0  # beyond it lies no angle from -pi to pi, or 0 to 2 pi, whatever it is measured from
 SPEED_MPS = {"m/s": 1.0, "cm/s": 0.01, "mm/s": 0.001, "km/h": 1 / 3.6}
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -147,15 +149,18 @@ def _is_kept(text, place, texts, inside, seen):
 def _check_texts(path, key, column, texts, seen):
     """Whether no text to choose rows by differs from one of the file's in nothing but case and blanks.
 
-    Those that no row has are warned of.
+    One that is nearly another of the file's is warned of; without one it is no fault: a recording may have no cars.
     """
+    others = sorted(seen - set(map(str, texts)))
     for text in map(str, texts):
         alike = next((one for one in seen if one.strip().casefold() == text.strip().casefold()), None)
         if text not in seen and alike is not None:
             raise DataError(f"{path}: {key}: {{{column}: [{text}]}}: the file writes {alike!r}; correct it")
-        if text not in seen:  # a recording without cars is one, but a mistyped text would look the same
-            there = ", ".join(map(repr, sorted(seen)[:8]))
-            _LOG.warning("%s: %s: {%s: [%s]}: no row has that text; the file has %s", path, key, column, text, there)
+        if text not in seen and not text.isdecimal() and (near := difflib.get_close_matches(text, others, 1, NEAR)):
+            _LOG.warning(
+                "%s: %s: {%s: [%s]}: no row has that text, but the file has %r: is it mistyped?",
+                *(path, key, column, text, near[0]),
+            )
 
 
 def _utf8(text):

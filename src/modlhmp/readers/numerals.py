@@ -5,15 +5,16 @@ import re
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 ALSO = {" ": "\u00a0\u202f", "'": "\u2019"}  # marks of thousands, and what else is written for them
 _SPECIAL = frozenset({"nan", "inf", "infinity"})
+_MISSING = frozenset({"na", "n/a", "null", "none", "-"})  # how tables write that a value was not measured
 
 
 def number(text: str, decimal: str = ".", thousands: str = "") -> float | None:
-    """The number that a text is, NaN for an empty one, None for any other text.
+    """The number that a text is, NaN for an empty one or a word such as NA, None for any other text.
 
     `decimal` is its decimal mark; `thousands`, where there is one, stands between groups of three digits.
     """
     text = text.strip(" \t\r\f\v")
-    if not text:
+    if not text or text.lower() in _MISSING:
         return float("nan")
     if text.removeprefix("+" if text[0] == "+" else "-").lower() in _SPECIAL:
         return float(text)
