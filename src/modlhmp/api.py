@@ -312,11 +312,10 @@ class Predictor:
         by_hours = find(self.a_map.kind).hourly and getattr(self.options, "without_map", "stop") == "stop"
         if by_hours and not hours.keys() & set(asked):
             of, theirs = (", ".join(map(str, sorted(one))) for one in (hours, asked))
+            known = f"the map is of the hours {of}" if hours else "it has no map of an hour yet"
+            mistake = ": another time zone?" if hours else ""
             remedy = "" if self.a_map.whole is None else '; without_map="whole_day" uses the map of the whole day'
-            return (
-                f"it knows nobody: the map is of the hours {of or '(none)'}, and all walkers are of {theirs} ({zone}): "
-                f"another time zone?{remedy}"
-            )
+            return f"it knows nobody: {known}, and all walkers are of {theirs} ({zone}){mistake}{remedy}"
         try:
             check_box("it knows nobody", self._box, futures.start)
         except DataError as error:

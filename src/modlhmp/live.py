@@ -174,6 +174,11 @@ class Live:
                 self.counts[why or "taken"] += 1
         return "" if waits else why
 
+    def _let_in(self, waiting):
+        """Take rows that wait: time has gone on to the last of them."""
+        if waiting:
+            self._enter((waiting[-1][0], None, 0.0, 0.0))
+
     def _tell_of_ahead(self, t, who):
         if not self._told_ahead:
             self._told_ahead = True
@@ -211,22 +216,32 @@ class Live:
     def forecast(self, t0: float | None = None) -> Futures:
         """The futures of everyone who is there at `t0` (unix s; default: `now`), in the order in which they came.
 
+        Without a t0, where rows wait that are likely to be right (`Clock.likely`), it is of their time instead: whoever
+        was there before is silent, and who has come is `new`. A row from the present ends that.
+
         `DataError` for a time of which rows have been forgotten, more than a time step before `now`.
         """
         if t0 is None and self.now == -math.inf:
             raise DataError("Live.forecast: nobody has been seen yet; give rows to `see` first, or a t0")
+        ahead = self.clock.likely(self._people) if t0 is None else ()
         t0 = self.now if t0 is None else unix_time("Live.forecast: t0", t0)
         if t0 < self.now - self.site.time_step_s:
             raise DataError(
                 f"Live.forecast: t0 {t0:.3f} is {self.now - t0:.3g} s before the newest row; what a forecast needs is "
                 f"kept for one time step, {self.site.time_step_s:g} s"
             )
-        if due := [one for one in self.clock.waiting if one[0] <= t0]:  # who asks says that it is that late
-            self._enter((due[-1][0], None, 0.0, 0.0))
+        self._let_in([one for one in self.clock.waiting if one[0] <= t0])  # who asks says that it is that late
         self._learn_if_due(self.now)
         if self._learner and self._used != self._wanted:
             self._predictor, self._used = predictor(learned(self._learner.kept), **self._asked), self._wanted
-        people = [person for person in self._people.values() if len(person.rows[0])]
+        known = self._people
+        if ahead:  # as if they were taken
+            who, t0 = ahead[0][1], ahead[-1][0]
+            newcomer = _Person(who, str(who))
+            for part, place in zip(newcomer.rows, (0, 2, 3), strict=True):
+                part.extend(row[place] for row in ahead)
+            known = {**known, str(who): newcomer}
+        people = [person for person in known.values() if len(person.rows[0])]
         seen, state = ending_at(_tracks_of(people), t0, self.site.time_step_s, self.site.observed_rows)
         number = np.bincount(state, minlength=3)
         self.present = {"here": int(number[HERE]), "new": int(number[NEW]), "gone": int(number[GONE])}
@@ -261,9 +276,13 @@ class Live:
         return self._learner is not None
 
     def updated(self) -> UpdatedMap:
-        """The map that is kept up to date, told of all that has been seen so far."""
+        """The map that is kept up to date, told of all that has been seen so far.
+
+        Rows that wait are taken first, if they are likely to be right (`Clock.likely`).
+        """
         if self._learner is None:
             raise DataError("Live.updated: its map is not kept up to date; make it of an UpdatedMap")
+        self._let_in(self.clock.likely(self._people))
         if math.isfinite(self.now):
             self._learner.learn(self.now)
         return self._learner.kept

@@ -101,7 +101,5 @@ def learned(kept: UpdatedMap) -> Map:
     """The map as it is now; `DataError` where it holds nothing that a forecast could use."""
     try:
         return kept.written()
-    except DataError:
-        raise DataError(
-            "Live: the map that is kept up to date is empty: add tracks first, as modlhmp map update does"
-        ) from None
+    except DataError as error:
+        raise DataError(f"Live: {error}") from None

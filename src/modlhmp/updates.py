@@ -151,11 +151,6 @@ class UpdatedMap:
             raise DataError(
                 f"the map of kind {self.kind} is empty: it holds nobody, or too few people who move; add tracks first"
             )
-        if self.site.listed_hours and find(self.kind).hourly and not hours:
-            logging.getLogger("modlhmp").warning(
-                "the map of kind %s has none of the hours %s of its site yet: nobody was seen in them, or too few",
-                self.kind, list(self.site.hours or ()),
-            )  # fmt: skip
         return Map(self.kind, self.site, whole, hours)
 
     def save(self, path: str | Path) -> None:

@@ -336,6 +336,42 @@ def test_time_that_goes_on_loses_no_row():
     assert lone.now == T0 + 60
 
 
+@pytest.mark.parametrize("rows", [4, 8])
+def test_who_comes_after_a_pause_is_new_from_the_first_row(rows):
+    """And who has been silent is not `here`, whether one or two were there before."""
+    for before in (1, 2):
+        live = Live("cvm", 5, site=dataclasses.replace(SITE, observed_rows=rows))
+        for t in range(20):
+            for who in range(before):
+                walk(live, who, [t])
+            assert live.forecast().track_id.tolist() == (list(range(before)) if t >= rows - 1 else [])
+        for t in range(80, 80 + rows - 1):
+            walk(live, "b", [t])
+            assert len(live.forecast().t0) == 0
+            assert (live.present["here"], live.present["new"]) == (0, 1)
+        walk(live, "b", [80 + rows - 1])
+        assert [live.who[one] for one in live.forecast().track_id] == ["b"]
+        assert (live.now, live.counts["ahead"], live.counts["late"]) == (T0 + 79 + rows, 0, 0)
+
+
+def test_whose_clock_is_ahead_is_believed_once_though_a_forecast_is_asked_after_every_row():
+    """A newcomer's wrong row costs a forecast before the next right one; that of somebody known costs nothing."""
+    live, found = cvm(), []
+    for tick in range(100):
+        for who, ahead_s in ((1, 0.0), ("ahead", 3600.0), (2, 0.0)):
+            live.see(T0 + tick / 10 + ahead_s, who, 0.12 * tick, 0.0)
+            found.append(len(live.forecast().t0))
+    assert found[93:] == [2] * 207
+    assert (live.counts["late"], live.counts["ahead"], live.counts["taken"]) == (0, 100, 200)
+    live, found = cvm(), []
+    for tick in range(100):
+        for who in (1, 2):
+            live.see(T0 + tick / 10 + 30 * (tick == 80 and who == 2), who, 0.12 * tick, 0.0)
+            found.append(len(live.forecast().t0))
+    assert found[62:] == [2] * 138
+    assert (live.counts["ahead"], live.counts["taken"]) == (1, 199)
+
+
 def test_who_asks_for_a_later_time_says_that_it_is():
     live = cvm()
     for who in (1, 2):

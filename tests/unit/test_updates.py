@@ -152,14 +152,28 @@ def test_stef_equals_what_is_built_at_once():
             np.testing.assert_allclose(column(other, name), column(one, name), rtol=0, atol=1e-9)
 
 
-def test_a_map_that_waits_for_its_hours_is_told(caplog):
-    """It may be written before these come, where a map that is built at once would be a mistake."""
+def test_a_map_that_waits_for_its_hours_is_told(tmp_path, caplog):
+    """By the command that writes it, once; `Live` tells once that it knows nobody, though it reads it every hour.
+
+    It may be written before these come, where a map that is built at once would be a mistake.
+    """
     site = dataclasses.replace(SITE, hours=(9, 12))
     told = UpdatedMap("tc_cliff", site)
     told.add(MONDAY, "hall")
-    assert told.written().hours == {} and "none of the hours [9, 12] of its site yet" in caplog.text
+    assert told.written().hours == {}
     with pytest.raises(DataError, match="of which the site's `hours`"):
         modlhmp.build_map("tc_cliff", MONDAY, site)
+    told.save(tmp_path / "state.parquet")
+    done = CliRunner().invoke(app, ["map", "update", str(tmp_path / "state.parquet"), "--out", str(tmp_path / "hours")])
+    assert done.exit_code == 0 and "none of the hours 9, 10, 11 of its site yet" in done.output
+    live = modlhmp.Live(told, 3.0)
+    for _, rows in frames(MONDAY):
+        for row in rows:
+            live.see(*row)
+        live.forecast()
+    said = [one for one in caplog.messages if "hour" in one]
+    assert live._learner.version > 1 and len(said) == 1
+    assert "it has no map of an hour yet" in said[0] and "time zone" not in said[0]
 
 
 @pytest.mark.parametrize("hours", [None, (7, 8), (8, 10), (22, 9)])
@@ -506,6 +520,20 @@ def test_what_waits_to_be_learned_is_an_hour_s():
     assert waiting and len(live._learner._ids) <= 20 and len(live._learner._last) == 1
 
 
+def test_rows_that_wait_are_learned_when_the_stream_ends():
+    """Not those of a person whose clock is ahead: what has been shown to be wrong is no time of the map."""
+    kept = made("episodes", on_day(-1))
+    live, t0 = modlhmp.Live(kept, 3.0), MONDAY.t.max()
+    for t in range(6):
+        for who, later in (("a", 0.0), ("ahead", 7000.0)):
+            live.see(t0 + t + later, who, t, 0.0)
+    before = len(kept._state.rows.t)
+    assert len(live.updated()._state.rows.t) == before + 6 and live.now == t0 + 5
+    for t in (60, 61, 62):
+        live.see(t0 + t, "b", t - 60, 0.0)
+    assert live.clock.waiting and len(live.updated()._state.rows.t) == before + 9
+
+
 def test_live_forecasts_with_what_it_has_learned():
     kept = made("episodes", on_day(-1).take(on_day(-1).track_id == -1000))
     live = modlhmp.Live(kept, 3.0)
@@ -518,7 +546,7 @@ def test_live_forecasts_with_what_it_has_learned():
     live.pass_time(MONDAY.t.max() + 3600.0)
     live.forecast()
     assert live._predictor is not before
-    with pytest.raises(DataError, match="kept up to date is empty: add tracks first"):
+    with pytest.raises(DataError, match=r"Live: the map of kind cliff is empty: .*; add tracks first"):
         modlhmp.Live(UpdatedMap("cliff", SITE))
 
 

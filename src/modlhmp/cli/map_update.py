@@ -11,6 +11,7 @@ from modlhmp.cli.app import DATA_ROOT, DataRoot, SetOption
 from modlhmp.cli.inputs import check_file, is_dataset, named_values
 from modlhmp.cli.map import TimezoneOption, _say, _summary, check_name, maps
 from modlhmp.datasets import load_dataset
+from modlhmp.kinds import find
 from modlhmp.recordings import clean
 from modlhmp.settings import as_plain
 from modlhmp.site import Site
@@ -78,9 +79,17 @@ def update(
         kept.forget(None if half_life == float("inf") else half_life)
     kept.save(state)
     if out is not None:
-        written = kept.written()
-        written.save(out)
-        _say(f"{out}: {_summary(written)}")
+        _write(kept, out)
+
+
+def _write(kept: UpdatedMap, out: Path) -> None:
+    """Write a map out for forecasts, and say where it has to wait for its hours."""
+    written = kept.written()
+    written.save(out)
+    _say(f"{out}: {_summary(written)}")
+    if (listed := kept.site.listed_hours) and find(kept.kind).hourly and not written.hours:
+        hours = ", ".join(map(str, listed))
+        _say(f"{out}: none of the hours {hours} of its site yet: nobody was seen in them, or too few")
 
 
 def _add(kept: UpdatedMap, walked: list[tuple[str, Tracks, Site]], state: Path) -> None:
