@@ -317,7 +317,8 @@ def test_whose_hours_they_are_is_asked(maps, tmp_path, caplog, kind):
         modlhmp.load_map(next((tmp_path / "hours").glob("0*")), form)
     assert "taken for those of UTC" not in caplog.text
     modlhmp.load_map(tmp_path / "hours", form)
-    assert "hours are taken for those of UTC; say whose they are by site=modlhmp.Site(timezone=...)" in caplog.text
+    assert "hours are taken for those of UTC; say whose they are: site=modlhmp.Site(timezone=...), or" in caplog.text
+    assert "`modlhmp map convert --timezone NAME`" in caplog.text
 
 
 def test_a_forecast_far_from_a_published_map_is_told(maps, tmp_path, caplog):
