@@ -436,6 +436,7 @@ HEADERS = {
         "x,y,theta,rho,p_11,p_12,p_21,p_22,p_mix,p,q",
         "x,y,heading,speed,var_heading,rho,rho,var_speed,weight,p,q",
         "x,y,heading_rad,speed_mps,sd_heading,corr,corr,sd_speed,weight,p,q",
+        "x,y,velocity_direction,velocity_magnitude,var_direction,cov,cov,var_velocity,weight,p,q",
         "x,y,direction,velocity,std_direction,cov,cov,std_velocity,weight_normalised,p,q",
     ],
     "online": [

@@ -73,7 +73,7 @@ def meaning(name: str) -> str:
         return ""  # the form has a variance there
     if any(word in name for word in ("var", "cov", "sigma")):
         return "covariance" if angle and speed else "var_heading" if angle else "var_speed" if speed else ""
-    if angle != speed:
+    if angle != speed or "velocity" in name:  # a velocity has a direction
         return "heading" if angle else "speed"
     if "weight" in words or "mix" in name:
         return "weight"
