@@ -232,12 +232,7 @@ def load_map(
         raise DataError(f"{path}: no such file; give the file of a map, or its folder of hours")
     if not is_parquet(path, form):
         of_place = site_of(site)
-        kind, whole, hours = read_tables(path, form, of_place, origin_m, **how)
-        if hours and site is None and (form == "histogram" or not path.is_file()):
-            logging.getLogger("modlhmp").warning(
-                "load_map: %s: its hours are taken for those of UTC; say whose they are by site=modlhmp.Site("
-                "timezone=...), or --timezone", path,
-            )  # fmt: skip
+        kind, whole, hours = read_tables(path, form, None if site is None else of_place, origin_m, **how)
         return Map(kind, of_place, whole, hours)
     asked = {"site": site, "origin_m": origin_m, **how}
     if given := [name for name, value in asked.items() if value is not None]:

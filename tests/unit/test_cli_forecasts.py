@@ -161,7 +161,7 @@ def test_where_nobody_has_a_forecast_nothing_is_written(folder, tmp_path):
     of = pd.read_csv(folder / "walks.csv")
     of.assign(x=of["x"] + 5e5).to_csv(tmp_path / "far.csv", index=False)
     with pytest.raises(
-        modlhmp.DataError, match=r"far.csv: nobody has a forecast: the map tells nothing where they are"
+        modlhmp.DataError, match=r"far.csv: nobody has a forecast: the map tells nothing of where and when they are$"
     ):
         said(
             "forecast", "--map", folder / "hall.parquet", "--tracks", tmp_path / "far.csv", "--out", tmp_path / "f.csv"
@@ -549,6 +549,35 @@ def test_a_time_step_that_nobody_says_is_asked_for(tmp_path, called):
     (tmp_path / "f.csv").write_text("track_id,t0,step,x,y\n3,1300000004,1,0,0\n")
     told = refused("score", tmp_path / "f.csv", "--tracks", walks)
     assert "f.csv does not say how long its steps are: give --time-step, that of the forecasts" in told
+
+
+@pytest.mark.parametrize("truth", ["walks.csv", "hall.yaml"])
+@pytest.mark.parametrize(("change", "told"), [
+    (lambda of: of.assign(step=of["step"] - 1), "row 2: t 0.4 s is not step 0 of 0.457143 s, as row 9 has them: steps"),
+    (lambda of: of.assign(step=of["step"] - 1).iloc[:1], "row 2: t 0.4 s is not step 0 of"),
+    (lambda of: of.assign(t=of["t"] - 0.4), "row 2: t 0 s is not step 1 of 0.35 s, as row 9 has"),
+    (lambda of: of.assign(t=of["t"] + 50.2), "steps count from 1, t from t0"),
+    (lambda of: of.assign(t=of["t"].where(of["step"] < 8, 9.0)), "of 1.125 s, as row 9 has them"),
+    (lambda of: of.assign(step=of["step"] - 1, t=of["t"] - 0.4), "row 2: step 0: a future begins one time step after"),
+    (lambda of: of.assign(t=of["t"] + of["t0"]), "row 2: t 1300000004.4: t is in seconds after t0"),
+])  # fmt: skip
+def test_seconds_that_are_not_those_of_the_steps_are_refused(tmp_path, truth, change, told):
+    """The forecasts are blamed for it, not the tracks."""
+    recordings = of_steps(tmp_path, 0.4)
+    of = pd.DataFrame({"track_id": 3, "t0": 1300000004.0, "step": np.arange(1, 9), "x": 0, "y": 0})
+    change(of.assign(t=np.round(of["step"] * 0.4, 2))).to_csv(tmp_path / "f.csv", index=False)
+    tracks = next(tmp_path.rglob(truth))
+    said_so = refused("score", tmp_path / "f.csv", "--tracks", tracks, "--data-root", recordings)
+    assert "f.csv, row" in said_so and told in said_so
+
+
+@pytest.mark.parametrize("called", [{}, {"track_id": "person"}])
+def test_a_table_without_rows_has_no_forecasts(tmp_path, called):
+    """Whoever reads it is not asked for its time step."""
+    walks = of_steps(tmp_path, 0.4) / "walks.csv"
+    pd.read_csv(walks).rename(columns=called).to_csv(walks, index=False)
+    (tmp_path / "f.csv").write_text("track_id,t0,step,x,y\n")
+    assert refused("score", tmp_path / "f.csv", "--tracks", walks).endswith("f.csv: it has no forecasts")
 
 
 def test_a_map_of_another_time_step_is_refused(folder, tmp_path):

@@ -298,6 +298,19 @@ def test_convert_needs_what_a_form_does_not_say(folder, tmp_path, caplog):
     assert list(modlhmp.load_map(tmp_path / "again").hours) == [7, 8]
 
 
+@pytest.mark.parametrize("way", ["info", "convert", "stream"])
+def test_hours_whose_time_zone_nobody_said_are_told(folder, tmp_path, caplog, way):
+    """UTC that is said is not asked for again."""
+    said("convert", folder / "stef", tmp_path / "stef.txt", "--to", "histogram")
+    words = ["info", "-"] if way == "stream" else [way, tmp_path / "stef.txt"]
+    words += ["--form", "histogram", "--set", "x=-50,50", "--set", "y=-50,50"]
+    words += [tmp_path / "out"] if way == "convert" else []
+    for zone, told in (((), True), (("--timezone", "UTC"), False)):
+        caplog.clear()
+        CliRunner().invoke(app, ["map", *map(str, words), *zone], input=(tmp_path / "stef.txt").read_bytes())
+        assert ("hours are taken for those of UTC" in caplog.text) == told
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

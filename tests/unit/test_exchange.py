@@ -13,7 +13,7 @@ from modlhmp import DataError, Site
 from modlhmp.contract import SITE, crowd
 from modlhmp.exchange.forms import FORMS
 from modlhmp.exchange.maps import imported
-from modlhmp.maps.base import check_frame
+from modlhmp.maps.base import box_of, check_box
 from modlhmp.maps.cliff import COLUMNS
 from modlhmp.maps.columns import METADATA, described
 from modlhmp.maps.stef import evaluate, middle_of_hour
@@ -297,13 +297,14 @@ def test_a_map_is_moved_to_the_recordings(maps, tmp_path):
 
 def test_walkers_of_another_frame(maps):
     """A map that nobody is on is refused, with what it spans and where they are; some of them on it are enough."""
-    table, x = maps["cliff"].whole, np.linspace(-5, 5, 11)
-    assert check_frame("here", [table], x, np.zeros(11)) == 1
-    assert check_frame("here", [table], np.append(x, 11 * [1000.0]), np.zeros(22)) == 0.5
+    box, there = box_of([maps["cliff"].whole]), np.column_stack([np.linspace(-5, 5, 11), np.zeros(11)])
+    away, far = there + np.array([1000, 0]), there + np.array([500_000.123, 4_123_456.789])
+    assert check_box("here", box, there) == 1
+    assert check_box("here", box, np.concatenate([there, away])) == 0.5
     message = r"here: the map is of -\d+ to \d+ x -\d+ to \d+ m, and all walkers are in 995 to 1005 x 0 to 0 m"
-    refused(message, check_frame, "here", [table], x + 1000, np.zeros(11))
+    refused(message, check_box, "here", box, away)
     message = r"in 499995\.12 to 500005\.12 x 4123456\.79 to 4123456.79 m: .*modlhmp map convert --origin X Y"
-    refused(message, check_frame, "here", [table], x + 500_000.123, np.full(11, 4_123_456.789))
+    refused(message, check_box, "here", box, far)
 
 
 @pytest.mark.parametrize("kind", ["tc_cliff", "stef"])
@@ -316,7 +317,8 @@ def test_whose_hours_they_are_is_asked(maps, tmp_path, caplog, kind):
         modlhmp.load_map(next((tmp_path / "hours").glob("0*")), form)
     assert "taken for those of UTC" not in caplog.text
     modlhmp.load_map(tmp_path / "hours", form)
-    assert "hours are taken for those of UTC; say whose they are by site=modlhmp.Site(timezone=...)" in caplog.text
+    assert "hours are taken for those of UTC; say whose they are: site=modlhmp.Site(timezone=...), or" in caplog.text
+    assert "`modlhmp map convert --timezone NAME`" in caplog.text
 
 
 def test_a_forecast_far_from_a_published_map_is_told(maps, tmp_path, caplog):
@@ -413,13 +415,57 @@ def test_columns_that_a_header_has_in_another_order_are_refused(write, caplog, f
     rows = "0,0,1,0,0,0\n1,0,0.5,0.5,0,0\n" if form == "stef_csv" else field(form)
     known = [name for name in names if not name.startswith("cov")]
     assert len(modlhmp.load_map(write(",".join(names) + "\n" + rows), form=form).hours or [1])
-    assert ("unknown names of columns" in caplog.text) == (len(known) < len(names))
+    assert ("unclear names of columns" in caplog.text) == (len(known) < len(names))
     for one, other in itertools.combinations(range(len(names)), 2):
         swapped = list(names)
         swapped[one], swapped[other] = names[other], names[one]
         if {names[one], names[other]} <= set(known) and {names[one], names[other]} != {"p", "q"}:
             told = f"column {one + 1} is called {swapped[one]}, where form {form} has .* bring the columns"
             refused(told, modlhmp.load_map, write(",".join(swapped) + "\n" + rows), form=form)
+
+
+HEADERS = {
+    "matlab": [
+        "x,y,theta,rho,sigma_theta,sigma_theta_rho,sigma_rho_theta,sigma_rho,weight,p,q",
+        "x,y,mean_angle,mean_speed,angle_var,angle_speed_cov,speed_angle_cov,speed_var,weight,p,q",
+        "X,Y,MeanAngle,MeanSpeed,AngleVar,Cov,Cov,SpeedVar,MixingFactor,P,Q",
+        "x,y,theta,rho,theta_theta,theta_rho,rho_theta,rho_rho,pi,p,q",
+        "x,y,mu_theta,mu_rho,S_theta,S_theta_rho,S_rho_theta,S_rho,w,p,q",
+        "x,y,mu_theta,mu_rho,S11,S12,S21,S22,mixing_ratio,p,q",
+        "x,y,motion_angle,speed,P11,P12,P21,P22,weight,motion_intensity,observation_ratio",
+        "x,y,theta,rho,p_11,p_12,p_21,p_22,p_mix,p,q",
+        "x,y,heading,speed,var_heading,rho,rho,var_speed,weight,p,q",
+        "x,y,heading_rad,speed_mps,sd_heading,corr,corr,sd_speed,weight,p,q",
+        "x,y,velocity_direction,velocity_magnitude,var_direction,cov,cov,var_velocity,weight,p,q",
+        "x,y,direction,velocity,std_direction,cov,cov,std_velocity,weight_normalised,p,q",
+    ],
+    "online": [
+        "x,y,rho,theta,sigma_rho,sigma_rho_theta,sigma_theta_rho,sigma_theta,weight,count",
+        "x,y,mean_speed,motion_angle,var11,var12,var21,var22,mixing_factor,motion_ratio",
+        "x,y,speed,angle,speed_var,cov,cov,angle_var,mixing_weight,n,decay",
+        "x,y,speed,angle,speed_spread,cov_1,cov_2,angle_spread,mixing ratio,count",
+    ],
+}
+
+
+@pytest.mark.parametrize(("form", "header"), [(form, one) for form, those in HEADERS.items() for one in those])
+def test_columns_that_a_header_has_in_order_are_read(write, form, header):
+    """However others call them: what is not plain goes by its place."""
+    rows = rows_of(form, *([n, 2, 1.0, 1.1, 0.1, 0.01, 0.05, 1] for n in range(3)))
+    rows = "".join(line + ",1\n" for line in rows.splitlines()) if header.endswith("decay") else rows
+    for how in ({}, {"form": form}):
+        found = modlhmp.load_map(write(header + "\n" + rows), **how).whole
+        assert imported(found)["form"] == form
+        np.testing.assert_allclose(column(found, "var_heading"), 0.1, rtol=1e-6)
+
+
+@pytest.mark.parametrize("header", [
+    "x,y,theta,rho,sigma_rho,sigma_theta_rho,sigma_rho_theta,sigma_theta,weight,p,q",
+    "x,y,angle,speed,speed_var,cov,cov,angle_var,weight,p,q", "x,y,v,theta,a,b,c,d,w,p,q",
+    "x,y,theta,rho,weight,sigma_theta,cov,cov,sigma_rho,p,q",
+])  # fmt: skip
+def test_variances_that_a_header_has_in_another_order_are_refused(write, header):
+    refused("column [0-9] is called .* bring the columns", modlhmp.load_map, write(header + "\n" + field()), "matlab")
 
 
 # --- defects ----------------------------------------------------------------------------------------------------------

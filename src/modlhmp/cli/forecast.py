@@ -81,11 +81,10 @@ def forecast(
 def _tell_of_unknown(futures: Any, tracks: str) -> None:
     """Tell how many have no forecast; `DataError` if nobody has one."""
     if not futures.known.any():
-        raise DataError(
-            f"{tracks}: nobody has a forecast: the map tells nothing where they are; is it of another place?"
-        )
+        raise DataError(f"{tracks}: nobody has a forecast: the map tells nothing of where and when they are")
     if unknown := int((~futures.known).sum()):
-        typer.echo(f"{unknown} of {len(futures.known)} people have no forecast: the map tells nothing there", err=True)
+        of = f"{unknown} of {len(futures.known)} people have no forecast"
+        typer.echo(f"{of}: the map tells nothing of where and when they are", err=True)
 
 
 def _seen(walkers: Any, at: float | None, rows: int, file: str) -> Any:

@@ -68,7 +68,7 @@ class Walkers(NamedTuple):
 def read_walkers(path: str, time_step_s: float | None, data_root: Path, in_doubt: str = "") -> Walkers:
     """Tracks of a file by the `time_step_s`; None: by that of the dataset file or clean recording, of others 1 s.
 
-    Others are brought to 1 s, unless nobody can say so: then the `DataError` ends with what is `in_doubt`.
+    `in_doubt`: refuse files that would be brought to 1 s only because no step was said; the text ends the message.
 
     A table with columns track_id, t, x, y (`exchange.tracks`) is taken as it is where its rows are a time step apart,
     as is a clean recording (.parquet); else it is cleaned, as are the recordings of a dataset file (.yaml), which lie

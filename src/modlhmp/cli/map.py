@@ -26,7 +26,7 @@ from modlhmp.storage import DataError, write_text
 
 TABLES = (".csv", ".txt")  # endings of a table's text
 OF_BUILD = {"kind": "KIND", "tracks": "TRACKS", "site": "--timezone, or the dataset file"}
-OF_LOAD = {"path": "MAP", "form": "--form", "site": "--timezone", "origin_m": "`map convert --origin`"}
+OF_LOAD = {"path": "MAP", "form": "--form", "site": "`map convert --timezone`", "origin_m": "`map convert --origin`"}
 maps = typer.Typer(
     help="Build, look at, draw, convert and compare maps of dynamics.\n\n"
     "MAP is a file, a folder of hours, or - for standard input, in any of the forms of docs/maps.md: "
@@ -42,6 +42,10 @@ FormOption = Annotated[
     str | None, typer.Option("--form", metavar="NAME", help="Form of MAP, where its content does not tell.")
 ]
 TimezoneOption = Annotated[str, typer.Option(metavar="NAME", help="Time zone of the place, for maps by hours.")]
+HoursZoneOption = Annotated[
+    str | None,
+    typer.Option("--timezone", metavar="NAME", help="Time zone of MAP's hours [default: UTC, with a warning]"),
+]
 
 
 @maps.command()
@@ -87,7 +91,7 @@ def build(
 
 @maps.command()
 def info(
-    a_map: MapArgument, form: FormOption = None, options: SetOption = None, timezone: TimezoneOption = "UTC"
+    a_map: MapArgument, form: FormOption = None, options: SetOption = None, timezone: HoursZoneOption = None
 ) -> None:
     """Say what a map is: its kind, where it is, how large, when, and what was wrong in its file.
 
@@ -95,7 +99,7 @@ def info(
     modlhmp map info atc-20121024-cliff.csv
     modlhmp map info hours_of_others --form online
     """
-    loaded = _load(a_map, form, Site(timezone=timezone), None, options)
+    loaded = _load(a_map, form, _site(timezone), None, options)
     typer.echo(f"kind: {loaded.kind}")
     typer.echo(f"site: {loaded.site.timezone}, time step {loaded.site.time_step_s:g} s")
     if loaded.hours:
@@ -162,7 +166,7 @@ def convert(
         tuple[float, float] | None,
         typer.Option(metavar="X Y", help="Origin of the recordings in MAP's frame [m]; what is written is moved."),
     ] = None,
-    timezone: TimezoneOption = "UTC",
+    timezone: HoursZoneOption = None,
 ) -> None:
     """Write a map in another form, and say what that form cannot carry.
 
@@ -174,7 +178,7 @@ def convert(
     cat theirs.csv | modlhmp map convert - - --form online --to matlab > ours.csv
     """
     to = to or ("xml" if out.endswith(".xml") else PARQUET)
-    loaded = _load(a_map, form, None if timezone == "UTC" else Site(timezone=timezone), origin, options)
+    loaded = _load(a_map, form, _site(timezone), origin, options)
     how: dict[str, Any] = {"header": True} if header else {}
     if out != STREAM:
         check_name("OUT", loaded.kind, Path(out), to)
@@ -248,9 +252,12 @@ def _load(path: str, form: str | None, site: Site | None, origin: tuple[float, f
     found = form or recognise(source)
     if found == PARQUET:
         raise DataError("standard input: Parquet is not read from a stream: give the file")
-    site = site or Site()
     kind, whole, hours = exchange.read_one(source, found, site, how)
-    return api.Map(kind, site, whole, hours)
+    return api.Map(kind, site or Site(), whole, hours)
+
+
+def _site(timezone: str | None) -> Site | None:
+    return None if timezone is None else Site(timezone=timezone)
 
 
 def check_name(option: str, kind: str, path: Path, to: str = PARQUET) -> None:

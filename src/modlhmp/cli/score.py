@@ -82,7 +82,9 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
     with file_of(forecasts) as (file, shown):
         try:
             table = read_long(file)
-            said_s = step_said(table)
+            if not len(table):
+                raise DataError(f"{shown}: it has no forecasts")
+            said_s = step_said(table, file)
             if said_s and time_step_s and abs(time_step_s / said_s - 1) > SAME:
                 raise DataError(f"--time-step {time_step_s:g}: a step of {shown} is {said_s:g} s; leave it out")
             time_step_s = time_step_s or said_s
@@ -92,8 +94,6 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
             samples = samples_of(rows_of(table, time_step_s, file), file)
         except DataError as error:
             raise DataError(str(error).replace(str(file), shown)) from None
-    if not len(samples.track_id):
-        raise DataError(f"{shown}: it has no forecasts")
     bounds = truth.bounds()
     number = {owners.get(one, str(one)): one for one in truth.track_id[bounds[:-1]].tolist()}
     names = [samples.name(place) for place in range(len(samples.t0))]

@@ -66,15 +66,19 @@ def order_of(rows: Rows) -> tuple[str, str]:
 
 
 def meaning(name: str) -> str:
-    """What a column of that name in small letters is, whichever of its names it has; "" for an unknown one."""
+    """What a column of that name in small letters is, whichever of its names it has; "" for one that is not plain."""
     words = set(re.findall("[a-z]+", name))
     angle, speed = (any(word in name for word in those) for those in (_ANGLE_WORDS, _SPEED_WORDS))
-    if name.startswith(("var", "cov")):
+    if "std" in name:
+        return ""  # the form has a variance there
+    if any(word in name for word in ("var", "cov", "sigma")):
         return "covariance" if angle and speed else "var_heading" if angle else "var_speed" if speed else ""
-    if angle != speed:
+    if angle != speed or "velocity" in name:  # a velocity has a direction
         return "heading" if angle else "speed"
+    if "weight" in words or "mix" in name:
+        return "weight"
     of_location = words & {"p", "q", "count", "ratio", "intensity"}
-    return "weight" if "weight" in words else "of the location" if of_location else name if name in {"x", "y"} else ""
+    return "of the location" if of_location else name if name in {"x", "y"} else ""
 
 
 def read_order(source: Source, order: str, resolution_m: float | None) -> tuple[pa.Table, dict[str, int]]:

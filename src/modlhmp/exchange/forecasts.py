@@ -106,14 +106,22 @@ def read_long(path: str | Path) -> pa.Table:
     return table
 
 
-def step_said(table: pa.Table) -> float | None:
-    """The time step [s] that a long table says itself, by `t` beside `step`, as ours do; None: it does not."""
-    if {"step", "t"} <= set(table.column_names) and len(table):
-        step, t = column(table, "step"), column(table, "t")
-        last = int(np.argmax(step))  # where rounded times tell it best
-        if step[last] >= 1 and 0 < t[last] <= LATEST_S:
-            return float(f"{t[last] / step[last]:.9g}")
-    return None
+def step_said(table: pa.Table, path: str | Path) -> float | None:
+    """The time step [s] that a long table says itself, by `t` beside `step`, as ours do; None: it does not.
+
+    `DataError` names the row where the two do not go together.
+    """
+    if not ({"step", "t"} <= set(table.column_names) and len(table)):
+        return None
+    step, t, line = column(table, "step"), column(table, "t"), line_of(path, 0) + np.arange(len(table))
+    _refuse_clock(path, line, t)
+    last = int(np.argmax(step))  # where rounded times tell it best
+    step_s = float(f"{t[last] / max(step[last], 1.0):.9g}")
+    _refuse(path, line, _off_grid(t, step, step_s), lambda row: (
+        f"t {t[row]:g} s is not step {step[row]:g} of {step_s:g} s, as row {line[last]} has them: steps count from 1, "
+        "t from t0; correct one of the columns, or leave it out"
+    ))  # fmt: skip
+    return step_s or None
 
 
 def rows_of(table: pa.Table, step_s: float, path: str | Path) -> Rows:
@@ -135,16 +143,24 @@ def rows_of(table: pa.Table, step_s: float, path: str | Path) -> Rows:
 
 def _steps_of(t: np.ndarray, step_s: float, path: str | Path, line: np.ndarray) -> np.ndarray:
     """The time steps of seconds after t0."""
+    _refuse_clock(path, line, t)
+    step = np.rint(t / step_s)
+    _refuse(path, line, _off_grid(t, step, step_s), lambda row: (
+        f"t {t[row]:g} is no multiple of the time step, {step_s:g} s; t is in s after t0: interpolate to whole steps"
+    ))  # fmt: skip
+    return step
+
+
+def _off_grid(t: np.ndarray, step: np.ndarray, step_s: float) -> np.ndarray:
+    """Whether times [rows] are away from their time steps."""
+    return np.abs(t - step * step_s) > min(OFF_GRID_S, 0.1 * step_s)
+
+
+def _refuse_clock(path: str | Path, line: np.ndarray, t: np.ndarray) -> None:
     _refuse(path, line, t > LATEST_S, lambda row: (
         f"t {t[row]:.16g}: t is in seconds after t0, and this is more than a day; it looks like a clock's time: take "
         "that of t0 off"
     ))  # fmt: skip
-    step = np.rint(t / step_s)
-    late = np.abs(t - step * step_s) > min(OFF_GRID_S, 0.1 * step_s)
-    _refuse(path, line, late, lambda row: (
-        f"t {t[row]:g} is no multiple of the time step, {step_s:g} s; t is in s after t0: interpolate to whole steps"
-    ))  # fmt: skip
-    return step
 
 
 def samples_of(rows: Rows, path: str | Path) -> Samples:

@@ -90,15 +90,18 @@ def read_tables(
 ) -> Tables:
     """Kind and tables of a map in a foreign form: a file, or a file for each hour (`hour_sources`).
 
-    `form` is recognised where it is unmistakable. `origin_m` is the origin of the recordings in the map's frame, as
-    dataset files have it. `how` are the form's own options. What was repaired is logged once for a file, and kept in
-    the table's metadata. `DataError` names the file, the row, the value and the remedy.
+    `form` is recognised where it is unmistakable. Without a `site` hours are those of UTC, with a warning. `origin_m`
+    is the origin of the recordings in the map's frame, as dataset files have it. `how` are the form's own options. What
+    was repaired is logged once for a file, and kept in the table's metadata. `DataError` names the file, the row, the
+    value and the remedy.
     """
     with boundary(path, "cannot be read as a map"):
-        return _read_tables(path, form, site or Site(), origin_m, how)
+        return _read_tables(path, form, site, origin_m, how)
 
 
-def _read_tables(path: str | Path, form: str | None, site: Site, origin_m: Any, how: Mapping[str, Any]) -> Tables:
+def _read_tables(
+    path: str | Path, form: str | None, site: Site | None, origin_m: Any, how: Mapping[str, Any]
+) -> Tables:
     files = hour_sources(path)
     origin = origin_of(origin_m)
     if not files:
@@ -118,12 +121,26 @@ def _read_tables(path: str | Path, form: str | None, site: Site, origin_m: Any, 
     kind = record.kinds[-1]
     if kind == "stef" and whole is not None:
         whole = stef_forms.constant(whole)
+    if tables and site is None:
+        _tell_of_zone(path)
     return kind, whole, {hour: tables[hour] for hour in sorted(tables)}  # type: ignore[type-var, misc]
 
 
-def read_one(source: Source, form: str, site: Site, how: Mapping[str, Any]) -> Tables:
+def _tell_of_zone(where: object) -> None:
+    """No foreign form says of which time zone its hours are."""
+    _LOG.warning(
+        "%s: its hours are taken for those of UTC; say whose they are: site=modlhmp.Site(timezone=...), or "
+        "`modlhmp map convert --timezone NAME`", where,
+    )  # fmt: skip
+
+
+def read_one(source: Source, form: str, site: Site | None, how: Mapping[str, Any]) -> Tables:
     """The same of one file's content."""
     record = find_form(form)
+    if site is None:
+        if record.read is None:
+            _tell_of_zone(source.name)
+        site = Site()
     if record.read is None:
         details: Any = check(record.reading, dict(how), f"{source.name}, form {form}")
         whole, hours, repaired = stef_forms.read_histograms(source, details, site)

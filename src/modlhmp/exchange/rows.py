@@ -107,20 +107,23 @@ def read_rows(source: Source, most: int | None = None) -> Rows:
 def check_names(rows: Rows, form: str, names: Sequence[str], means: Callable[[str], str], where: str) -> None:
     """`DataError` where a header calls a column what a form, whose columns are `names`, does not have there.
 
-    `means` says what a name stands for, "" where that is unknown: such columns are taken by their places, with a word.
+    `means` says what a name stands for, "" where that is unknown. Such a column is taken by its place, with a word, and
+    so are those that seem to be the same where the form has fewer of them, as theta and theta_theta do.
     """
-    unknown = []
-    for at, (name, here) in enumerate(zip(rows.header, names, strict=False), 1):
-        said = means(name.lower())
-        if not said:
-            unknown.append(name)
-        elif said != means(here):
+    pairs = list(zip(rows.header, names, strict=False))
+    said = [means(name.lower()) for name, _ in pairs]
+    wanted = [means(here) for _, here in pairs]
+    unclear = []
+    for at, (name, here) in enumerate(pairs):
+        if not said[at] or said.count(said[at]) > max(wanted.count(said[at]), 1):
+            unclear.append(name)
+        elif said[at] != wanted[at]:
             raise DataError(
-                f"{where}: column {at} is called {name}, where form {form} has {here}: bring the columns into its "
+                f"{where}: column {at + 1} is called {name}, where form {form} has {here}: bring the columns into its "
                 f"order, {','.join(names)}, or correct the header"
             )
-    if unknown:
-        _LOG.warning("%s: unknown names of columns, taken by their places: %s", where, ", ".join(unknown)[:200])
+    if unclear:
+        _LOG.warning("%s: unclear names of columns, taken by their places: %s", where, ", ".join(unclear)[:200])
 
 
 def finite(field: str, where: str) -> float:

@@ -164,13 +164,11 @@ def box_of(tables: Iterable[pa.Table]) -> np.ndarray | None:
     return np.array([np.min([p.min(0) for p in places], 0), np.max([p.max(0) for p in places], 0)]) if places else None
 
 
-def check_frame(where: str, tables: Iterable[pa.Table], x: np.ndarray, y: np.ndarray) -> float:
-    """The share of the positions x, y [n] of walkers that lie in the box of a map; `DataError` if none does."""
-    return check_box(where, box_of(tables), np.column_stack([x, y]))
-
-
 def check_box(where: str, box: np.ndarray | None, xy: np.ndarray) -> float:
-    """`check_frame` of positions [n, 2] and what `box_of` gave."""
+    """The share of the positions `xy` [n, 2] of walkers that lie in the `box` [2, 2] of a map, `box_of`; None: all.
+
+    Both in m; `DataError` that begins with `where` if none does.
+    """
     if box is None or not len(xy):
         return 1.0
     share = float(((xy >= box[0] - EDGE_M) & (xy <= box[1] + EDGE_M)).all(axis=1).mean())

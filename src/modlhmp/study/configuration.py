@@ -284,9 +284,9 @@ def check_maps(run: RunSettings, datasets: Mapping[str, Dataset], data_root: str
         path, form = Path(data_root) / run.entries[name].file, run.entries[name].form or None
         if is_parquet(path, form):
             continue
-        for origin_m in {dataset.origin_m for dataset in datasets.values()}:
+        for origin_m, site in {dataset.origin_m: dataset for dataset in datasets.values()}.items():
             try:
-                read_tables(path, form, origin_m=origin_m)
+                read_tables(path, form, site, origin_m)
             except DataError as error:
                 raise DataError(f"configuration, methods.{name}.file: {error}") from None
 
