@@ -200,8 +200,9 @@ def test_figures_show_a_scene(made, name):
 def test_recordings_with_and_without_scenes_are_not_scored_together(made):
     """One of the test files has no scene: its tracks would be counted once each among the other's scenes."""
     project, _, _ = made
-    lines = (project.folder / "recordings/noon.ndjson").read_text().splitlines(keepends=True)
-    (project.folder / "recordings/evening.ndjson").write_text("".join(one for one in lines if '"scene"' not in one))
+    file = project.folder / "recordings/evening.ndjson"
+    plaza(file, 3)
+    file.write_text("".join(one for one in file.read_text().splitlines(keepends=True) if '"scene"' not in one))
     evening = "  - {files: evening.ndjson, split: test}\nframe_rate: 25\ntime_step_s"
     dataset = DATASET.replace("time_step_s", evening, 1)
     (project.folder / "config/datasets/mixed.yaml").write_text(dataset)
@@ -210,8 +211,8 @@ def test_recordings_with_and_without_scenes_are_not_scored_together(made):
     told = project.snakemake("--cores", 1, "--configfile", "mixed.yaml", "--", checks, fails=True)
     assert "test recording noon has scenes and evening has none" in told
     assert "set `forecast_every_s`" in told
-    with open(project.folder / "config/datasets/mixed.yaml", "a", encoding="utf-8") as file:
-        file.write("forecast_every_s: 2\n")
+    with open(project.folder / "config/datasets/mixed.yaml", "a", encoding="utf-8") as described:
+        described.write("forecast_every_s: 2\n")
     project.snakemake("--cores", 1, "--configfile", "mixed.yaml", "--", checks, wanted)
     errors = pd.read_parquet(project.folder / wanted)
     assert set(errors["recording"]) == {"noon", "evening"}

@@ -2,11 +2,13 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from modlhmp.exchange.maps import read_tables
 from modlhmp.exchange.parquet import is_parquet, read_ours
 from modlhmp.kinds import find
 from modlhmp.logs import job_log
-from modlhmp.maps.base import DAY, check_frame
+from modlhmp.maps.base import DAY, box_of, check_box
 from modlhmp.origins import provenance, unchanged
 from modlhmp.settings import as_plain, build
 from modlhmp.site import Site
@@ -27,7 +29,7 @@ with job_log(snakemake.log[0]) as log:
         raise DataError(f"{path}: a map of kind {of_kind}; the method is of kind {kind.name}")
     tables = [*([] if whole is None else [whole]), *hours.values()]
     walkers = together(map(read_tracks, snakemake.input.tracks))
-    share = check_frame(path, tables, walkers.x, walkers.y)
+    share = check_box(path, box_of(tables), np.column_stack([walkers.x, walkers.y]))
     log.info("%s: %d rows; %.1f %% of the test rows lie in its box", path, sum(map(len, tables)), 100 * share)
     origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input.map, hashes)
     origin |= {"kind": kind.name, "site": as_plain(site)}
