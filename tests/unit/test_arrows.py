@@ -1,6 +1,7 @@
 """Imports go one way: a module imports from its own stage or from stages to its left, and never in a circle."""
 
 import ast
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -125,3 +126,14 @@ def test_everything_public_is_typed():
             if function.returns is None or not all(one.annotation for one in given):
                 bare.append(f"{module}.{function.name}")
     assert not bare
+
+
+@pytest.mark.parametrize(
+    "script", sorted(Path(__file__).parents[2].glob("workflow/scripts/*.py")), ids=lambda s: s.name
+)
+def test_a_script_of_the_workflow_imports_what_there_is(script):
+    """Snakemake alone runs them, and no type checker reads them."""
+    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module.startswith("modlhmp"):
+            there = import_module(node.module)
+            assert not [one.name for one in node.names if not hasattr(there, one.name)], node.module
