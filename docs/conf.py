@@ -7,6 +7,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 import repository
+from jupyter_client.manager import KernelManager
 
 import modlhmp
 
@@ -28,6 +29,7 @@ nb_execution_mode = "force" if any((ROOT / "results/demo").glob("*/tracks")) els
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+KernelManager.transport_encryption.default_value = "auto"  # kernels warn of what is not encrypted, on the loopback, too
 nb_render_image_options = {"alt": "What the lines above draw"}
 
 # Docstrings are prose whose single backticks are code.
