@@ -36,7 +36,8 @@ def as_written(text: str, known: Iterable[str]) -> str:
     def digits(one: str) -> str:
         return found[1] if (found := re.fullmatch(r"0*([0-9]+?)(?:\.0*)?", one)) else one
 
-    return next((f"; write {one}, as there" for one in known if digits(one) == digits(text)), "")
+    wanted = digits(text)
+    return next((f"; write {one}, as there" for one in known if digits(one) == wanted), "")
 
 
 class Owners:

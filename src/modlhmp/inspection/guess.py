@@ -18,12 +18,12 @@ from modlhmp.inspection.sheet import Sheet, first_lines, read_sheet
 from modlhmp.inspection.unfit import PIXEL_M, refuse_by_names, refuse_unfit, refuse_without_columns
 from modlhmp.inspection.velocities import velocity_columns
 from modlhmp.readers import read_recording
-from modlhmp.readers.delimited import MAX_DISTANCE_M, SECONDS
+from modlhmp.readers.delimited import MAX_DISTANCE_M, SECONDS, OtherFrameError
 from modlhmp.readers.raw import People, open_raw
 from modlhmp.settings import check
 from modlhmp.site import MOST_STEP_S
 from modlhmp.speed_units import EXTENT_M, FOOT_M, USUAL_MPS, extent_of, rate_for
-from modlhmp.storage import DataError, boundary
+from modlhmp.storage import boundary
 from modlhmp.tracks import Tracks, usual_step
 
 _RATE = re.compile(r"(?:frame ?-?rate|fps)\D{0,3}(\d+(?:\.\d+)?)", re.I)
@@ -77,13 +77,10 @@ def _ask_its_reader(path: str | Path, found: Guess) -> None:
     form = FileFormat(reader=found.keys["reader"], frame_rate=1.0 if found.keys.get("frame_rate") == 0 else None)
     try:
         rows, _ = read_recording(path, form)
-    except DataError as error:
-        asked = re.search(r"origin_m: \[(-?\d+), (-?\d+)\]", str(error))
-        if asked is None:
-            raise
-        found.keys["origin_m"] = [int(asked[1]), int(asked[2])]
+    except OtherFrameError as error:
+        found.keys["origin_m"] = list(error.origin_m)
         found.asks["origin_m"] = _MOVED
-        rows, _ = read_recording(path, replace(form, origin_m=(int(asked[1]), int(asked[2]))))
+        rows, _ = read_recording(path, replace(form, origin_m=error.origin_m))
     if found.keys.get("frame_rate") == 0:
         found.keys["frame_rate"] = rate_for(pace_of(rows)) or 25.0
 

@@ -37,6 +37,14 @@ _LOG = logging.getLogger("modlhmp")
 FIELDS = ("track_id", "t", "x", "y", "speed", "heading")
 
 
+class OtherFrameError(DataError):
+    """Positions are together, but far from the origin, which `origin_m` [whole m of the file's frame] would move."""
+
+    def __init__(self, message: str = "", origin_m: tuple[int, int] = (0, 0)) -> None:
+        super().__init__(message)
+        self.origin_m = origin_m
+
+
 def read_delimited(
     path: str | Path | People, layout: Mapping[str, Any], day: tuple[float, float] | None = None, step_s: float = 1.0
 ) -> tuple[Tracks, Account]:
@@ -265,7 +273,7 @@ def check_frame(
 ) -> None:
     """Whether most positions [m] are near the origin, which is at `origin_m` of the file's frame.
 
-    `DataError` that names the option which moves it; `units`: whether the reader has one for the unit of length.
+    `OtherFrameError` that names the option which moves it; `units`: whether the reader has one for the unit of length.
     """
     distance = np.hypot(x, y)
     far = distance[np.isfinite(distance)] > MAX_DISTANCE_M
@@ -278,10 +286,10 @@ def check_frame(
         remedy = "set `units: {length: mm}`, or cm, if they are" if units else "the reader takes them for metres"
         raise DataError(f"{path}: {example}, and {max(sides) / 1000:.3g} km apart: {remedy}")
     moved = origin_m or (0, 0)
-    east, north = (round(float(np.nanmedian(part)) + at, -2) for part, at in zip((x, y), moved, strict=True))
+    east, north = (int(round(float(np.nanmedian(part)) + at, -2)) for part, at in zip((x, y), moved, strict=True))
     remedy = "correct `units: {length: ...}`" if units else "the reader takes positions for metres"
-    raise DataError(
-        f"{path}: {example}: for a national grid, set `origin_m: [{east:.0f}, {north:.0f}]`; if not, {remedy}"
+    raise OtherFrameError(
+        f"{path}: {example}: for a national grid, set `origin_m: [{east}, {north}]`; if not, {remedy}", (east, north)
     )
 
 
