@@ -243,7 +243,8 @@ def lift_loiterers(tracks: Tracks, form: FileFormat, polygons: list[list[list[fl
 
 
 RULES = {rule.__name__: rule for rule in (single_row, gap_over_5s, min_points, start_end_margin, lift_loiterers)}
-_RULE_NEEDS = {"min_points": "points", "start_end_margin": "polygons", "lift_loiterers": "polygons"}
+RULE_NEEDS = {"min_points": "points", "start_end_margin": "polygons", "lift_loiterers": "polygons"}
+RULE_EXAMPLES = {"points": "3", "polygons": "[[[0, 0], [9, 0], [9, 4]]]"}
 _RULE_FORM = "write it as {min_points: {points: 3}}"
 
 
@@ -296,8 +297,8 @@ def _check_rule(source: object, entry: str | dict[str, dict[str, Any]]) -> None:
     name, options = (entry, {}) if isinstance(entry, str) else next(iter(entry.items()))
     if name not in RULES:
         raise DataError(unknown(f"{source}: cleaning", "rule", name, RULES))
-    if set(options) != ({_RULE_NEEDS[name]} if name in _RULE_NEEDS else set()):
-        takes = f"{_RULE_NEEDS[name]}; {_RULE_FORM}" if name in _RULE_NEEDS else "no option"
+    if set(options) != ({RULE_NEEDS[name]} if name in RULE_NEEDS else set()):
+        takes = f"{RULE_NEEDS[name]}; {_RULE_FORM}" if name in RULE_NEEDS else "no option"
         raise DataError(f"{source}: cleaning rule {name} takes {takes}; got {sorted(options)}")
     if "points" in options and not (type(options["points"]) is int and options["points"] > 0):
         raise DataError(f"{source}: cleaning rule {name}: points {options['points']!r} is not a positive whole number")

@@ -100,7 +100,7 @@ class FileFormat:
     timezone: str = option("UTC", "tz database name of the place, such as Asia/Tokyo")
     time_step_s: TimeStep = option(1.0, "time step of the cleaned tracks and of forecasts [s]")
     cleaning: tuple[str | dict[str, dict[str, Any]], ...] = option(
-        ("single_row",), "rules of modlhmp.cleaning, applied in this order"
+        ("single_row",), "rules of cleaning, see below, applied in this order"
     )
     gaps: Literal["split", "drop"] = option(
         "split", "tracks with a gap: cut there, the pieces being different people, or dropped, as the paper does"

@@ -7,13 +7,14 @@ import ast
 import dataclasses
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import typer
 
 from modlhmp import datasets, file_format, kinds, options, site
+from modlhmp.cleaning import RULE_EXAMPLES, RULE_NEEDS, RULES
 from modlhmp.cli import app
 from modlhmp.exchange.forms import FORMS
 from modlhmp.maps.columns import METADATA, TABLES
@@ -22,8 +23,10 @@ from modlhmp.settings import fields_of, json_schema
 from modlhmp.storage import write_text
 from modlhmp.study import lacks, settings
 from modlhmp.study.exhibits import EXHIBITS
+from modlhmp.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[3]
+LONG = 50  # characters of a value; a longer one is not repeated in a table
 SCHEMAS = Path(__file__).parents[1] / "schemas"
 READMES = (
     ROOT / "config/README.md",
@@ -88,11 +91,14 @@ def tables() -> dict[str, str]:
         if kind.building is not None and not kind.built_like and dataclasses.fields(kind.building)
     ]
     return {
-        "run": table(settings.RunSettings),
-        "sections": "\n\n".join(f"#### `{name}`\n\n{table(cls)}" for name, cls in SECTIONS.items()),
+        "run": table(settings.RunSettings, base=_base("")),
+        "sections": "\n\n".join(
+            f"#### `{name}`\n\n{table(cls, base=_base(name))}" for name, cls in SECTIONS.items()
+        ),
         "kinds": "\n\n".join(["\n".join(lines), *own]),
         "maps": "\n\n".join(built),
         "dataset": table(datasets.DatasetFile, required=datasets.REQUIRED),
+        "rules": rules(),
         "checks": checks(),
         "exhibits": exhibits(),
         "lacks": lacking(),
@@ -104,8 +110,17 @@ def tables() -> dict[str, str]:
     }
 
 
-def table(cls: type, note: str = "", required: tuple[str, ...] = (), beyond: type | None = None) -> str:
-    """The options of a settings class as a Markdown table; those that `beyond` has in the same way are left out."""
+def table(
+    cls: type,
+    note: str = "",
+    required: tuple[str, ...] = (),
+    beyond: type | None = None,
+    base: Mapping[str, Any] | None = None,
+) -> str:
+    """The options of a settings class as a Markdown table; those that `beyond` has in the same way are left out.
+
+    Where `base`, which a user's file lies over, has another value than the default, it stands beside it.
+    """
     lines = ["| key | what | default | meaning |", "|---|---|---|---|"]
     known = fields_of(beyond) if beyond else []
     for row in fields_of(cls):
@@ -116,6 +131,10 @@ def table(cls: type, note: str = "", required: tuple[str, ...] = (), beyond: typ
             shown = "required"
         else:
             shown = "see below" if dataclasses.is_dataclass(default) else f"`{_yaml(default)}`"
+        value = (base or {}).get(name)
+        said = list(default) if isinstance(default, tuple) else default
+        if value is not None and not isinstance(value, dict) and value != said:
+            shown += "; base: " + (f"`{_yaml(value)}`" if len(_yaml(value)) < LONG else "its own")
         lines.append(f"| `{name}` | {of} | {shown} | {meaning} |")
     return "\n".join([*lines, *(["", note] if note else [])])
 
@@ -160,6 +179,16 @@ def lacking() -> str:
         names = [f"`{one.name}`".replace("{label}", "<label>") for one in EXHIBITS if lack in one.lacks]
         shown = re.sub(r"\{.*?\}", "...", lack.text)
         lines.append(f"| {lack.where} | {shown} | {', '.join(names)} |")
+    return "\n".join(lines)
+
+
+def rules() -> str:
+    """Every cleaning rule: how it is written, and which tracks it drops."""
+    lines = ["| rule | tracks that it drops |", "|---|---|"]
+    for name, rule in RULES.items():
+        needs = RULE_NEEDS.get(name)
+        written = f"{{{name}: {{{needs}: {RULE_EXAMPLES[needs]}}}}}" if needs else name
+        lines.append(f"| `{written}` | {(rule.__doc__ or '').removeprefix('Tracks ').strip().removesuffix('.')} |")
     return "\n".join(lines)
 
 
@@ -235,6 +264,14 @@ def _options(kind: kinds.Kind) -> str:
     if kind.learned:
         return "those of every network, and its own below"
     return f"as `{kind.section}`" if kind.section else "below"
+
+
+def _base(section: str) -> Mapping[str, Any]:
+    """What `config/config.yaml`, the base of every overlay, says in a section, such as `studies.occupied`."""
+    found = read_yaml(ROOT / "config/config.yaml", "a configuration")
+    for part in filter(None, section.split(".")):
+        found = found.get(part, {})
+    return found
 
 
 def _yaml(value: Any) -> str:
