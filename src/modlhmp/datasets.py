@@ -103,7 +103,9 @@ class DatasetFile(_Shown, FileFormat, Site):
     recordings: Annotated[tuple[Files, ...], MinLen(1)] = option((), "files, and the day and split of each")
     floor_plan: str | None = option(None, "ROS map_server YAML under `data_root`")
     observed_s: Seconds | None = option(
-        None, "instead of `observed_rows`: that many time steps, so that 3.2 s at 0.4 s are 8 rows; the paper's O_s = 3 s at 1 Hz is 4 rows, since the row at t0 counts, too"
+        None,
+        "instead of `observed_rows`: that many time steps, so that 3.2 s at 0.4 s are 8 rows; the paper's O_s = 3 s at "
+        "1 Hz is 4 rows, since the row at t0 counts, too",
     )
 
 

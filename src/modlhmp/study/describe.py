@@ -92,9 +92,7 @@ def tables() -> dict[str, str]:
     ]
     return {
         "run": table(settings.RunSettings, base=_base("")),
-        "sections": "\n\n".join(
-            f"#### `{name}`\n\n{table(cls, base=_base(name))}" for name, cls in SECTIONS.items()
-        ),
+        "sections": "\n\n".join(f"#### `{name}`\n\n{table(cls, base=_base(name))}" for name, cls in SECTIONS.items()),
         "kinds": "\n\n".join(["\n".join(lines), *own]),
         "maps": "\n\n".join(built),
         "dataset": table(datasets.DatasetFile, required=datasets.REQUIRED),
