@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import math
 
 import numpy as np
 import pytest
@@ -464,9 +465,52 @@ def test_live_keeps_its_map_up_to_date(every_s):
     rows = kept._state.rows.take(kept._state.rows.t >= MONDAY.t.min())
     assert len(rows.t) == len(MONDAY.t)
     np.testing.assert_allclose(np.sort(rows.x), np.sort(MONDAY.x), atol=1e-6)
-    live.see(MONDAY.t.max() + 7300.0, "nobody else", 0.0, 0.0)
-    live.forecast()  # an hour without anybody
-    assert live._predictor.ask is not None
+    before, number = kept.written().whole, live.counts["forecasts"]
+    live.pass_time(MONDAY.t.max() + 3 * 3600.0)  # hours without anybody
+    live.forecast()
+    assert kept.written().whole.equals(before) and live.counts["forecasts"] == number + 1
+
+
+@pytest.mark.parametrize("late_s", [3.5, 6.0, 8.5])
+def test_rows_that_come_late_cost_nobody_an_hour(late_s, caplog):
+    """All that `Live` takes: they are left to the forecasts, and what was interpolated stays."""
+    kept, t0 = made("episodes", on_day(-1)), MONDAY.t.max()
+    live = modlhmp.Live(kept, 3.0)
+    for t in (0, 1, 2, *range(4, 20)):
+        live.see(t0 + t, "ann", float(t), 0.0)
+        live.see(t0 + t, "bob", float(t), 3.0)
+        if t == 3 + math.floor(late_s):
+            assert live.see(t0 + t - late_s, "ann", t - late_s + 0.3, 0.0) == ""
+    before = len(kept._state.rows.t)
+    assert live.counts["out_of_order"] == 1 and len(live.updated()._state.rows.t) == before + 40
+    assert "not learned" not in caplog.text
+
+
+@pytest.mark.parametrize("most_late_s", [2.0, 5.0, 8.9])
+def test_rows_in_any_order_are_learned(most_late_s, caplog):
+    """As far as `Live` takes them; who walks along stands at whole steps, once each."""
+    kept, rng = made("episodes", MONDAY), np.random.default_rng(0)
+    live = modlhmp.Live(kept, 3.0)
+    rows = [(MONDAY.t.max() + 0.5 * n, who, 0.5 * n, who + 0.2 * (n % 3)) for n in range(120) for who in range(8)]
+    for row in sorted(rows, key=lambda row: row[0] + rng.uniform(0, most_late_s)):
+        live.see(*row)
+    held = live.updated()._state.rows
+    held = held.take(held.recording == 1)
+    assert live.counts["out_of_order"] > 200 and "not learned" not in caplog.text
+    assert len(held.t) > 200
+    np.testing.assert_allclose(held.t - MONDAY.t.max(), held.x, atol=1e-6)
+
+
+@pytest.mark.parametrize("step_s", [1.0, 0.4, 0.1, 0.04])
+def test_rows_at_whole_steps_are_learned_as_they_are(step_s):
+    """Though a unix time is a multiple of a step only to 2.4e-7 s."""
+    kept = UpdatedMap("episodes", dataclasses.replace(SITE, time_step_s=step_s))
+    learner, number = Learner(kept), round(1.35e9 / step_s)
+    for who in range(200):
+        for n in range(number + who, number + who + 3):
+            learner.see(round(n * step_s, 6), who, 0.01 * n * step_s, 0.0)
+    learner.learn(1.35e9 + 3600)
+    assert len(kept._state.rows.t) == 600
 
 
 def frames(tracks, hours=3):
