@@ -57,6 +57,12 @@ class UpdatedMap:
                     f"UpdatedMap({kind!r}): {name} {getattr(options, name)!r} needs the rows, which are not held: "
                     f"use {only!r}, or modlhmp.build_map"
                 )
+        interval_s = getattr(options, "interval_s", 3600.0)
+        if (3600 / interval_s) % 1:
+            raise DataError(
+                f"UpdatedMap({kind!r}): interval_s {interval_s}: counts do not say at which hour within an interval: "
+                "give one that divides an hour, such as 600, or use modlhmp.build_map"
+            )
         self._state = STATES[kind](kind, site_of(site), options)
         self.forget(half_life_h)
 

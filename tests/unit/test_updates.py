@@ -104,12 +104,14 @@ def test_what_is_added_can_be_removed(kind):
     assert_same(after, before)
 
 
+@pytest.mark.parametrize("half_life_h", [None, 3.0])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_map_that_holds_nobody_is_not_written(kind, tmp_path):
-    """New, or emptied again: with it a forecaster would know nobody, and not say so."""
-    told = made(kind, MONDAY)
+def test_a_map_that_holds_nobody_is_not_written(kind, half_life_h, tmp_path):
+    """New, emptied again, or of one row: with it a forecaster would know nobody, and not say so."""
+    told = made(kind, MONDAY, half_life_h=half_life_h)
     told.remove(day=_day_of(MONDAY))
-    for empty in (told, made(kind)):
+    of_a_row = [] if kind in {"episodes", "stef"} else [made(kind, MONDAY.take([0]), half_life_h=half_life_h)]
+    for empty in (told, made(kind, half_life_h=half_life_h), *of_a_row):
         with pytest.raises(DataError, match=f"the map of kind {kind} is empty: .*; add tracks first"):
             empty.written()
         empty.save(tmp_path / "state.parquet")
@@ -194,10 +196,23 @@ def test_it_has_the_hours_of_what_is_built_at_once(kind, hours):
         }
 
 
-def test_stef_needs_no_interval_that_divides_an_hour():
-    built = modlhmp.build_map("stef", MONDAY, SITE, interval_s=5000.0)
-    ours = made("stef", *in_pieces(MONDAY, 3), interval_s=5000.0).written()
-    np.testing.assert_allclose(column(ours.whole, "mean"), column(built.whole, "mean"), rtol=0, atol=1e-9)
+@pytest.mark.parametrize("interval_s", [3600.0, 450.0, 240.0])
+def test_stef_has_the_hours_of_what_is_built_at_once(interval_s):
+    """Of rows of one hour alone, at its very ends, too."""
+    site, hour = dataclasses.replace(SITE, hours=None), 3600.0 * np.floor(MONDAY.t[0] / 3600.0)
+    for from_s in (0.0, 1800.0, 3580.0):
+        rows = MONDAY.take(MONDAY.track_id == 0)
+        rows = rows._replace(t=rows.t - rows.t[0] + hour + from_s)
+        ours = UpdatedMap("stef", site, interval_s=interval_s)
+        ours.add(rows)
+        assert list(ours.written().hours) == list(modlhmp.build_map("stef", rows, site, interval_s=interval_s).hours)
+
+
+@pytest.mark.parametrize("interval_s", [7200.0, 5000.0, 4500.0, 2400.0, 7.0])
+def test_an_interval_divides_an_hour(interval_s):
+    """Counts of one over several hours do not say of which; that is a matter of the map that is built at once."""
+    with pytest.raises(DataError, match=rf"interval_s {interval_s}: .*divides an hour.*such as 600.*build_map"):
+        UpdatedMap("stef", SITE, interval_s=interval_s)
 
 
 @pytest.mark.parametrize("kind", ["episodes", "exits"])

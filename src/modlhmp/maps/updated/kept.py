@@ -110,6 +110,8 @@ class Kept:
 
     def tables(self) -> tuple[pa.Table | None, dict[int, pa.Table]]:
         """The map in the form of its kind: (its table, {}); a walk that goes on after a gap is a new one."""
+        if not len(self.rows.t):
+            return None, {}
         rows, gap_s = self.rows, gap_limit(self.site.time_step_s)
         new = np.ones(len(rows.t), bool)
         new[1:] = (np.diff(rows.recording) != 0) | (np.diff(rows.track_id) != 0) | (np.diff(rows.t) > gap_s)
