@@ -372,6 +372,28 @@ def test_nobody_is_at_two_places(kind):
         told.add(one._replace(x=np.array([0.0, 1.0, 1.5])), "third")
 
 
+@pytest.mark.parametrize(("later_s", "farther_m", "same"), [
+    (0.0, 1e-7, True), (2e-4, 0.0, True), (2e-4, 3e-4, True), (0.0, 2e-3, False), (2e-4, 0.5, False),
+])  # fmt: skip
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_row_is_the_same_in_one_batch_and_in_two(kind, later_s, farther_m, same):
+    """A person's time to the ms and place to the mm; at another place it contradicts."""
+    rows = MONDAY._replace(t=np.round(MONDAY.t), x=np.round(MONDAY.x, 2), y=np.round(MONDAY.y, 2))
+    again = rows._replace(t=rows.t + later_s, x=rows.x + farther_m).take([7])
+    both = concatenate([again, rows])
+    one, two = UpdatedMap(kind, SITE), made(kind, rows)
+    if same:
+        assert one.add(both, "hall").repeated == two.add(again, "hall").repeated == 1
+        assert_same(one, two)
+        assert_same(two, made(kind, rows))
+        return
+    before = two._state.state()
+    for told, batch in ((one, both), (two, again)):
+        with pytest.raises(DataError, match=r"track 0 .*at t 13"):
+            told.add(batch, "hall")
+    assert two._state.state().equals(before) and not len(one._state.state())
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_frame_or_step_is_refused(kind):
     told = made(kind, MONDAY)
