@@ -49,10 +49,10 @@ class Learner:
     def see(self, t: float, who: int | str, x: float, y: float) -> None:
         """Take a row: somebody was at (x, y) [m] at t [unix s]."""
         text, step_s = str(who), self._step_s
-        self._since = min(self._since, t)
         before = self._last.get(text)
         if before is not None and t <= before.t:
             return
+        self._since = min(self._since, t)
         if before is None or t - before.t > self._gap_s:
             first = newest_moment(t, step_s, reached=False) + 1
             before = _Last(t - step_s, x, y, -1, x, y)  # who comes stands there; only a step just now is one

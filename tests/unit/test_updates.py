@@ -523,6 +523,16 @@ def test_rows_that_come_late_cost_nobody_an_hour(late_s, caplog):
     assert "not learned" not in caplog.text
 
 
+def test_a_row_that_is_left_to_the_forecasts_is_no_reason_to_learn():
+    """One of the hour before: there is nothing of it to tell the map."""
+    learner, hour = Learner(made("episodes", MONDAY)), 3600.0 * 400_000
+    for t in range(-3, 5):
+        learner.see(hour + t, "ann", float(t), 0.0)
+    learner.learn(hour + 4)
+    learner.see(hour - 1.5, "ann", 0.0, 0.0)
+    assert not learner.due(hour + 5) and learner.due(hour + 3600)
+
+
 @pytest.mark.parametrize("most_late_s", [2.0, 5.0, 8.9])
 def test_rows_in_any_order_are_learned(most_late_s, caplog):
     """As far as `Live` takes them; who walks along stands at whole steps, once each."""
