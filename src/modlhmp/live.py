@@ -82,11 +82,12 @@ class Live:
 
     The arguments are those of `modlhmp.forecast`. Two defaults differ, where a method has the option: everyone is asked
     who is there, so `samples` are of `pieces`; and there are positions alone, so `velocity` is of `differences` where
-    the site's is `as_recorded`. `options` are all that are used: the batch forecast of a track that ends at t0,
+    the site's is `as_recorded`. `options` are all of the method's: the batch forecast of a track that ends at t0,
 
-        modlhmp.forecast(a_map, track, **live.options)
+        modlhmp.forecast(a_map, track, live.horizon_s, seed=0, **live.options)
 
-    is the same to the bit. Rows up to t0 alone count (`time_step.ending_at`). Not for several threads at once.
+    is the same to the bit, given what `seed`, `key` and `site` were given to `Live`. Rows up to t0 alone count
+    (`time_step.ending_at`). Not for several threads at once.
 
     `counts` say what became of the rows, `present` who was `here`, `new` (too few rows yet) or `gone` at the last
     forecast, `who` {track id of the futures: the id that was given} of those who were here; `extent` is the map's,
@@ -111,7 +112,9 @@ class Live:
         if uses_recorded(self._predictor.options, site):
             raise DataError("Live: positions are all that it is told; use velocity='differences'")
         self.site, self.extent, self.horizon_s = site, _extent_of(by), self._predictor.steps * site.time_step_s
-        self.options = {name: one for name, one in as_plain(self._predictor.options).items() if name != "exits"}
+        self.options = as_plain(self._predictor.options)
+        if isinstance(asked.get("exits"), Map):
+            self.options["exits"] = asked["exits"]
         self.counts = dict.fromkeys(COUNTED, 0)
         self.present = {"here": 0, "new": 0, "gone": 0}
         self.who: dict[int, Any] = {}
@@ -320,8 +323,8 @@ class Live:
             person.drop(bisect_left(times, self.now - self._kept_s))
         if len(times) > MOST_ROWS:
             person.drop(bisect_left(times, self.now - self._kept_s))
-            if len(times) > MOST_ROWS // 2:
-                self.counts["thinned"] += person.thin()
+        if len(times) > MOST_ROWS:
+            self.counts["thinned"] += person.thin()
         return ""
 
     def _sweep(self):

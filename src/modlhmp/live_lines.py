@@ -21,6 +21,7 @@ from modlhmp.forecasting.occupancy import Occupancy, counted_steps
 from modlhmp.futures import Futures
 from modlhmp.live import FARTHEST_M, Live, is_row
 from modlhmp.live_clock import Clock, Row
+from modlhmp.time_step import newest_moment
 
 MOST_BYTES = 65_536  # of a line
 LEAST_SHOWN = 0.01  # probability of a cell
@@ -86,7 +87,7 @@ class Moments:
 
     def passed(self, t: float, reached: bool = False) -> float | None:
         """The newest moment before `t`, or, `reached`, at `t`, if it is a new one."""
-        count = math.floor(t / self.every_s + 1e-6) if reached else math.ceil(t / self.every_s - 1e-6) - 1
+        count = newest_moment(t, self.every_s, reached)
         if math.isnan(self.last) and not reached:
             self.last = count  # nothing was seen before the first row
         if count <= self.last:

@@ -11,11 +11,11 @@ from modlhmp.api import Map
 from modlhmp.ids import id_of
 from modlhmp.maps.updated.slots import Update
 from modlhmp.storage import DataError
+from modlhmp.time_step import newest_moment
 from modlhmp.tracks import Tracks, gap_limit
 from modlhmp.updates import UpdatedMap
 
 EVERY_S = 3600.0
-ROUNDING = 1e-6  # of a time step
 
 
 class _Last(NamedTuple):
@@ -33,8 +33,8 @@ class Learner:
     """Gives an `UpdatedMap` what is seen.
 
     Rows come at any rate; the map is told of the positions at whole time steps since 1970, linear between rows that are
-    no gap apart, with velocities of the last step. Rows that come out of order are left to the forecasts. `recording`
-    names the stream: ids that two streams share are two persons.
+    no gap apart, with velocities of the last step. Rows that come out of order are left to the forecasts, however late.
+    `recording` names the stream: ids that two streams share are two persons.
     """
 
     def __init__(self, kept: UpdatedMap, recording: str = "live", every_s: float = EVERY_S) -> None:
@@ -49,17 +49,17 @@ class Learner:
     def see(self, t: float, who: int | str, x: float, y: float) -> None:
         """Take a row: somebody was at (x, y) [m] at t [unix s]."""
         text, step_s = str(who), self._step_s
-        self._since = min(self._since, t)
         before = self._last.get(text)
-        if before is not None and before.t - self._gap_s < t <= before.t:
+        if before is not None and t <= before.t:
             return
-        first = math.ceil(t / step_s - ROUNDING)
-        if before is None or not 0 < t - before.t <= self._gap_s:
+        self._since = min(self._since, t)
+        if before is None or t - before.t > self._gap_s:
+            first = newest_moment(t, step_s, reached=False) + 1
             before = _Last(t - step_s, x, y, -1, x, y)  # who comes stands there; only a step just now is one
         else:
-            first = math.ceil(before.t / step_s + ROUNDING)
+            first = newest_moment(before.t, step_s) + 1
         number, x0, y0 = before.step, before.x0, before.y0
-        for step in range(max(first, number + 1), math.floor(t / step_s + ROUNDING) + 1):
+        for step in range(max(first, number + 1), newest_moment(t, step_s) + 1):
             share = min(max((step * step_s - before.t) / (t - before.t), 0.0), 1.0)
             at = before.x + share * (x - before.x), before.y + share * (y - before.y)
             speed = heading = math.nan

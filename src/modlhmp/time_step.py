@@ -95,6 +95,12 @@ def backward_differences(
     return speed, heading
 
 
+def newest_moment(t: float, every_s: float, reached: bool = True) -> int:
+    """Number of the newest multiple of `every_s` before `t` [unix s], or, `reached`, at `t`, to what a clock rounds."""
+    nearest = round(t / every_s)
+    return nearest if t - nearest * every_s > (-ROUNDING_S if reached else ROUNDING_S) else nearest - 1
+
+
 def ending_at(tracks: Tracks, t0: float, step_s: float, rows: int) -> tuple[Tracks, np.ndarray]:
     """Everyone's `rows` positions on the grid of `step_s` that ends at `t0` [unix s], from rows up to `t0` alone.
 

@@ -24,7 +24,7 @@ from modlhmp.kinds import find
 from modlhmp.maps.updated.cliff import CountedCliff
 from modlhmp.maps.updated.counted import Counted
 from modlhmp.maps.updated.kept import Kept
-from modlhmp.maps.updated.slots import Update
+from modlhmp.maps.updated.slots import Update, repeats
 from modlhmp.maps.updated.stef import CountedStef
 from modlhmp.settings import as_plain, check, unknown
 from modlhmp.site import Site
@@ -57,6 +57,12 @@ class UpdatedMap:
                     f"UpdatedMap({kind!r}): {name} {getattr(options, name)!r} needs the rows, which are not held: "
                     f"use {only!r}, or modlhmp.build_map"
                 )
+        interval_s = getattr(options, "interval_s", 3600.0)
+        if (3600 / interval_s) % 1:
+            raise DataError(
+                f"UpdatedMap({kind!r}): interval_s {interval_s}: counts do not say at which hour within an interval: "
+                "give one that divides an hour, such as 600, or use modlhmp.build_map"
+            )
         self._state = STATES[kind](kind, site_of(site), options)
         self.forget(half_life_h)
 
@@ -190,8 +196,7 @@ def _in_order(tracks: Any, where: str, site: Site) -> tuple[Tracks, int, int]:
     order = np.lexsort((tracks.y, tracks.x, tracks.t, tracks.track_id))
     moved = int((np.diff(tracks.t) < 0)[np.diff(tracks.track_id) == 0].sum())
     tracks = tracks.take(order)
-    same = (np.diff(tracks.track_id, prepend=tracks.track_id[:1] - 1) == 0) & (np.diff(tracks.t, prepend=-np.inf) == 0)
-    apart = (np.diff(tracks.x, prepend=0.0) != 0) | (np.diff(tracks.y, prepend=0.0) != 0)
+    same, apart = repeats(*tracks[:4])
     if len(bad := np.flatnonzero(same & apart)):
         at = bad[0]
         raise DataError(

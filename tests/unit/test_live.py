@@ -92,6 +92,20 @@ def test_a_batch_forecast_of_a_track_cut_at_t0_is_the_same_to_the_bit(maps, kind
         assert_same(fed(Live(a_map, 8, **options), chosen).forecast(t0), batch, some)
 
 
+@pytest.mark.parametrize(("kind", "leave"), [
+    ("cliff", None), ("cliff", "map"), ("episodes", None), ("snippets", False), ("snippets", True), ("cvm", None),
+])  # fmt: skip
+def test_the_options_are_all_that_are_used(maps, kind, leave):
+    """Ways out among them: with the horizon, the seed, the key and the site they are the whole batch forecast."""
+    asked = {} if leave is None else {"exits": leave}
+    if leave == "map":
+        asked = {"exits": modlhmp.build_map("exits", PEOPLE, SITE)}
+    live = Live(maps[kind], 8, seed=2, **METHODS[kind] | asked)
+    past = PEOPLE.take(PEOPLE.t <= T0 + 9)
+    track, options = PEOPLE.seen_by(T0 + 9, rows=4), {"site": live.site, **live.options}
+    assert_same(fed(live, past).forecast(), modlhmp.forecast(maps[kind], track, live.horizon_s, seed=2, **options))
+
+
 @pytest.mark.parametrize("kind", ["episodes", "cliff"])
 def test_rows_of_any_rate_lie_on_the_grid_that_ends_at_t0(maps, kind):
     rng, parts = np.random.default_rng(2), []
@@ -404,6 +418,13 @@ def test_people_are_bounded_and_the_known_go_on():
     for who in range(100, 140):  # once the others are gone there is room again
         assert live.see(T0 + 60, who, 0.0, 0.0) == ""
     assert held(live)[1] == 40
+
+
+def test_what_a_sensor_of_100_hz_tells_is_kept():
+    live = cvm()
+    assert set(walk(live, 1, np.arange(0, 60, 0.01))) == {""}
+    assert live.counts["thinned"] == 0
+    assert held(live)[0] <= 3 * 8 * MOST_ROWS * 1.3 + 500
 
 
 def test_a_fast_sensor_is_thinned_and_forecast_all_the_same():

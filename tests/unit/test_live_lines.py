@@ -113,6 +113,17 @@ def test_a_moment_comes_once_with_the_first_row_after_it():
     )
 
 
+@pytest.mark.parametrize("every_s", [1.0, 0.1, 1 / 30, 0.04, 0.02, 0.01])
+def test_frames_of_a_camera_are_moments(every_s):
+    """Each once, though a unix time is a multiple of `every_s` only to 2.4e-7 s."""
+    first = round(1.35e9 / every_s)
+    frames = [round(n * every_s, 6) for n in range(first, first + 3000)]
+    for reached, expected in ((True, frames), (False, frames[:-1])):
+        moments = Moments(every_s)
+        found = [moment for t in frames if (moment := moments.passed(t, reached)) is not None]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
+
+
 def test_forecasts_are_of_what_is_known_then():
     """And as `Live` has them; the last moment is reached by the last row."""
     times = np.arange(0, 8.01, 0.25)

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import math
 
 import numpy as np
 import pytest
@@ -103,12 +104,14 @@ def test_what_is_added_can_be_removed(kind):
     assert_same(after, before)
 
 
+@pytest.mark.parametrize("half_life_h", [None, 3.0])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_map_that_holds_nobody_is_not_written(kind, tmp_path):
-    """New, or emptied again: with it a forecaster would know nobody, and not say so."""
-    told = made(kind, MONDAY)
+def test_a_map_that_holds_nobody_is_not_written(kind, half_life_h, tmp_path):
+    """New, emptied again, or of one row: with it a forecaster would know nobody, and not say so."""
+    told = made(kind, MONDAY, half_life_h=half_life_h)
     told.remove(day=_day_of(MONDAY))
-    for empty in (told, made(kind)):
+    of_a_row = [] if kind in {"episodes", "stef"} else [made(kind, MONDAY.take([0]), half_life_h=half_life_h)]
+    for empty in (told, made(kind, half_life_h=half_life_h), *of_a_row):
         with pytest.raises(DataError, match=f"the map of kind {kind} is empty: .*; add tracks first"):
             empty.written()
         empty.save(tmp_path / "state.parquet")
@@ -193,10 +196,23 @@ def test_it_has_the_hours_of_what_is_built_at_once(kind, hours):
         }
 
 
-def test_stef_needs_no_interval_that_divides_an_hour():
-    built = modlhmp.build_map("stef", MONDAY, SITE, interval_s=5000.0)
-    ours = made("stef", *in_pieces(MONDAY, 3), interval_s=5000.0).written()
-    np.testing.assert_allclose(column(ours.whole, "mean"), column(built.whole, "mean"), rtol=0, atol=1e-9)
+@pytest.mark.parametrize("interval_s", [3600.0, 450.0, 240.0])
+def test_stef_has_the_hours_of_what_is_built_at_once(interval_s):
+    """Of rows of one hour alone, at its very ends, too."""
+    site, hour = dataclasses.replace(SITE, hours=None), 3600.0 * np.floor(MONDAY.t[0] / 3600.0)
+    for from_s in (0.0, 1800.0, 3580.0):
+        rows = MONDAY.take(MONDAY.track_id == 0)
+        rows = rows._replace(t=rows.t - rows.t[0] + hour + from_s)
+        ours = UpdatedMap("stef", site, interval_s=interval_s)
+        ours.add(rows)
+        assert list(ours.written().hours) == list(modlhmp.build_map("stef", rows, site, interval_s=interval_s).hours)
+
+
+@pytest.mark.parametrize("interval_s", [7200.0, 5000.0, 4500.0, 2400.0, 7.0])
+def test_an_interval_divides_an_hour(interval_s):
+    """Counts of one over several hours do not say of which; that is a matter of the map that is built at once."""
+    with pytest.raises(DataError, match=rf"interval_s {interval_s}: .*divides an hour.*such as 600.*build_map"):
+        UpdatedMap("stef", SITE, interval_s=interval_s)
 
 
 @pytest.mark.parametrize("kind", ["episodes", "exits"])
@@ -356,6 +372,28 @@ def test_nobody_is_at_two_places(kind):
         told.add(one._replace(x=np.array([0.0, 1.0, 1.5])), "third")
 
 
+@pytest.mark.parametrize(("later_s", "farther_m", "same"), [
+    (0.0, 1e-7, True), (2e-4, 0.0, True), (2e-4, 3e-4, True), (0.0, 2e-3, False), (2e-4, 0.5, False),
+])  # fmt: skip
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_same_row_is_the_same_in_one_batch_and_in_two(kind, later_s, farther_m, same):
+    """A person's time to the ms and place to the mm; at another place it contradicts."""
+    rows = MONDAY._replace(t=np.round(MONDAY.t), x=np.round(MONDAY.x, 2), y=np.round(MONDAY.y, 2))
+    again = rows._replace(t=rows.t + later_s, x=rows.x + farther_m).take([7])
+    both = concatenate([again, rows])
+    one, two = UpdatedMap(kind, SITE), made(kind, rows)
+    if same:
+        assert one.add(both, "hall").repeated == two.add(again, "hall").repeated == 1
+        assert_same(one, two)
+        assert_same(two, made(kind, rows))
+        return
+    before = two._state.state()
+    for told, batch in ((one, both), (two, again)):
+        with pytest.raises(DataError, match=r"track 0 .*at t 13"):
+            told.add(batch, "hall")
+    assert two._state.state().equals(before) and not len(one._state.state())
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_frame_or_step_is_refused(kind):
     told = made(kind, MONDAY)
@@ -464,9 +502,62 @@ def test_live_keeps_its_map_up_to_date(every_s):
     rows = kept._state.rows.take(kept._state.rows.t >= MONDAY.t.min())
     assert len(rows.t) == len(MONDAY.t)
     np.testing.assert_allclose(np.sort(rows.x), np.sort(MONDAY.x), atol=1e-6)
-    live.see(MONDAY.t.max() + 7300.0, "nobody else", 0.0, 0.0)
-    live.forecast()  # an hour without anybody
-    assert live._predictor.ask is not None
+    before, number = kept.written().whole, live.counts["forecasts"]
+    live.pass_time(MONDAY.t.max() + 3 * 3600.0)  # hours without anybody
+    live.forecast()
+    assert kept.written().whole.equals(before) and live.counts["forecasts"] == number + 1
+
+
+@pytest.mark.parametrize("late_s", [3.5, 6.0, 8.5])
+def test_rows_that_come_late_cost_nobody_an_hour(late_s, caplog):
+    """All that `Live` takes: they are left to the forecasts, and what was interpolated stays."""
+    kept, t0 = made("episodes", on_day(-1)), MONDAY.t.max()
+    live = modlhmp.Live(kept, 3.0)
+    for t in (0, 1, 2, *range(4, 20)):
+        live.see(t0 + t, "ann", float(t), 0.0)
+        live.see(t0 + t, "bob", float(t), 3.0)
+        if t == 3 + math.floor(late_s):
+            assert live.see(t0 + t - late_s, "ann", t - late_s + 0.3, 0.0) == ""
+    before = len(kept._state.rows.t)
+    assert live.counts["out_of_order"] == 1 and len(live.updated()._state.rows.t) == before + 40
+    assert "not learned" not in caplog.text
+
+
+def test_a_row_that_is_left_to_the_forecasts_is_no_reason_to_learn():
+    """One of the hour before: there is nothing of it to tell the map."""
+    learner, hour = Learner(made("episodes", MONDAY)), 3600.0 * 400_000
+    for t in range(-3, 5):
+        learner.see(hour + t, "ann", float(t), 0.0)
+    learner.learn(hour + 4)
+    learner.see(hour - 1.5, "ann", 0.0, 0.0)
+    assert not learner.due(hour + 5) and learner.due(hour + 3600)
+
+
+@pytest.mark.parametrize("most_late_s", [2.0, 5.0, 8.9])
+def test_rows_in_any_order_are_learned(most_late_s, caplog):
+    """As far as `Live` takes them; who walks along stands at whole steps, once each."""
+    kept, rng = made("episodes", MONDAY), np.random.default_rng(0)
+    live = modlhmp.Live(kept, 3.0)
+    rows = [(MONDAY.t.max() + 0.5 * n, who, 0.5 * n, who + 0.2 * (n % 3)) for n in range(120) for who in range(8)]
+    for row in sorted(rows, key=lambda row: row[0] + rng.uniform(0, most_late_s)):
+        live.see(*row)
+    held = live.updated()._state.rows
+    held = held.take(held.recording == 1)
+    assert live.counts["out_of_order"] > 200 and "not learned" not in caplog.text
+    assert len(held.t) > 200
+    np.testing.assert_allclose(held.t - MONDAY.t.max(), held.x, atol=1e-6)
+
+
+@pytest.mark.parametrize("step_s", [1.0, 0.4, 0.1, 0.04])
+def test_rows_at_whole_steps_are_learned_as_they_are(step_s):
+    """Though a unix time is a multiple of a step only to 2.4e-7 s."""
+    kept = UpdatedMap("episodes", dataclasses.replace(SITE, time_step_s=step_s))
+    learner, number = Learner(kept), round(1.35e9 / step_s)
+    for who in range(200):
+        for n in range(number + who, number + who + 3):
+            learner.see(round(n * step_s, 6), who, 0.01 * n * step_s, 0.0)
+    learner.learn(1.35e9 + 3600)
+    assert len(kept._state.rows.t) == 600
 
 
 def frames(tracks, hours=3):

@@ -17,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 
 from modlhmp.maps.base import EDGE_M
-from modlhmp.maps.updated.slots import DAY_S, Update, day_number, day_text, spans
+from modlhmp.maps.updated.slots import DAY_S, Update, day_number, day_text, spans, thousandths
 from modlhmp.site import Site
 from modlhmp.storage import DataError
 from modlhmp.streams import row_keys
@@ -251,7 +251,7 @@ def _joined(ours, theirs):
 def _keys(tracks, recording):
     """Keys [n] of rows: whose and when in the upper 48 bits, where in the lower 16."""
     who = row_keys(tracks.track_id, tracks.t, "row", recording)
-    where = row_keys(np.rint(1000 * tracks.x).astype(np.int64), tracks.y, "place")
+    where = row_keys(thousandths(tracks.x).astype(np.int64), tracks.y, "place")
     return (who >> PLACE_BITS << PLACE_BITS) | (where & ((np.uint64(1) << PLACE_BITS) - np.uint64(1)))
 
 

@@ -18,14 +18,13 @@ import pyarrow as pa
 from modlhmp.maps import episodes, exits, snippets
 from modlhmp.maps.base import EDGE_M
 from modlhmp.maps.pieces import resample
-from modlhmp.maps.updated.slots import Update, day_number, day_text
+from modlhmp.maps.updated.slots import Update, day_number, day_text, repeats
 from modlhmp.site import Site
 from modlhmp.storage import DataError, column
 from modlhmp.streams import row_keys, uniform_of
 from modlhmp.tracks import Tracks, clock_numbers, gap_limit, usable_tracks
 
 COLUMNS = ("recording", "track_id", "t", "x", "y")
-SAME_M = 0.001  # what two rows of one person and time may differ by
 
 
 class Rows(NamedTuple):
@@ -110,6 +109,8 @@ class Kept:
 
     def tables(self) -> tuple[pa.Table | None, dict[int, pa.Table]]:
         """The map in the form of its kind: (its table, {}); a walk that goes on after a gap is a new one."""
+        if not len(self.rows.t):
+            return None, {}
         rows, gap_s = self.rows, gap_limit(self.site.time_step_s)
         new = np.ones(len(rows.t), bool)
         new[1:] = (np.diff(rows.recording) != 0) | (np.diff(rows.track_id) != 0) | (np.diff(rows.t) > gap_s)
@@ -195,13 +196,11 @@ def _union(names: list[str], ours: Rows, other: list[str], theirs: Rows, what: s
     if not both:
         return used, NOBODY, 0
     rows = Rows(*(np.concatenate(parts) for parts in zip(*both, strict=True)))
-    ms = np.rint(1000 * rows.t).astype(np.int64)
-    order = np.lexsort((rows.y, rows.x, rows.t, ms, rows.track_id, rows.recording))  # so that either order is the same
-    rows, ms = rows.take(order), ms[order]
-    same = np.zeros(len(ms), bool)
-    same[1:] = (np.diff(ms) == 0) & (np.diff(rows.track_id) == 0) & (np.diff(rows.recording) == 0)
-    apart = np.hypot(np.diff(rows.x, prepend=0.0), np.diff(rows.y, prepend=0.0))
-    if len(bad := np.flatnonzero(same & (apart > SAME_M))):
+    # So that either order is the same.
+    rows = rows.take(np.lexsort((rows.y, rows.x, rows.t, rows.track_id, rows.recording)))
+    same, apart = repeats(*rows[1:])
+    same[1:] &= np.diff(rows.recording) == 0
+    if len(bad := np.flatnonzero(same & apart)):
         at = bad[0]
         raise DataError(
             f"{what}: track {rows.track_id[at]} of recording {used[rows.recording[at]]!r} at t {rows.t[at]:.3f} is at "

@@ -1,4 +1,4 @@
-"""Slots of time, days of the place, and what an update did."""
+"""Slots of time, days of the place, what the same row is, and what an update did."""
 
 from collections.abc import Iterator
 from datetime import date, timedelta
@@ -45,6 +45,23 @@ def day_number(day: str) -> int:
 def day_text(number: int) -> str:
     """ISO date of days since 1970."""
     return str(_EPOCH + timedelta(days=int(number)))
+
+
+def thousandths(values: np.ndarray) -> np.ndarray:
+    """Times [s] in whole ms, or positions [m] in whole mm, float [n].
+
+    Rows of one person and ms are the same row if x and y are the same in mm, else they contradict each other. Rounding,
+    not a tolerance, since of three rows the first may not be the same as the second alone.
+    """
+    return np.rint(1000 * values)
+
+
+def repeats(track_id: np.ndarray, t: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of rows sorted by person and time, which [n] are of the person and ms of the row before, and which are apart."""
+    same, apart = np.zeros(len(t), bool), np.zeros(len(t), bool)
+    same[1:] = (np.diff(track_id) == 0) & (np.diff(thousandths(t)) == 0)
+    apart[1:] = (np.diff(thousandths(x)) != 0) | (np.diff(thousandths(y)) != 0)
+    return same, apart
 
 
 def spans(values: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:

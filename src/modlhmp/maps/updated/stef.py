@@ -17,7 +17,7 @@ SPAN = 2.9  # half-lives: a window without weights of the same mean age is so lo
 
 
 class CountedStef(Counted):
-    """A STeF-map of counts; its slots are its intervals."""
+    """A STeF-map of counts; its slots are its intervals, which divide an hour."""
 
     kinds = ("stef",)
 
@@ -49,10 +49,7 @@ class CountedStef(Counted):
         parts = fremen.from_sums(times, signals, weights, covered, self.building.order)
         i, j, _ = unpacked(cells << BIN_BITS)
         whole = stef.table_of(np.column_stack([i, j]), parts, self.building)
-        hours = self.site.listed_hours or sorted(
-            {int(number % per_day * self.slot_s // 3600 + part) % 24 for number in self.slots
-             for part in range(max(round(self.slot_s / 3600), 1))}
-        )  # fmt: skip
+        hours = self.site.listed_hours or sorted({number % per_day * 24 // per_day for number in self.slots})
         return whole, {hour: stef.evaluate(whole, stef.middle_of_hour(hour)) for hour in hours}
 
     def sums(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
