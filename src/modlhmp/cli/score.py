@@ -1,6 +1,7 @@
 """`modlhmp score`."""
 
 import csv
+import dataclasses
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -108,7 +109,7 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
             "nothing to score; forecast an earlier moment, `modlhmp forecast --at SECONDS`, or give tracks that go on"
         )
     steps = int(samples.steps.max())
-    site = modlhmp.Site(time_step_s=time_step_s, horizon_s=steps * time_step_s)
+    site = dataclasses.replace(site, time_step_s=time_step_s, horizon_s=steps * time_step_s)
     forecast = forecast_of(samples, np.arange(len(start)), start, steps, path)
     futures = modlhmp.Futures(samples.track_id, samples.t0, start, forecast, site)
     for protocol in PROTOCOLS:
