@@ -389,6 +389,15 @@ def usual_and(maps, kind, output):
     return [modlhmp.forecast(maps[kind], seen(PEOPLE), **few, **one) for one in ({}, {"output": output})]
 
 
+@pytest.mark.parametrize("kind", ["tc_cliff", "stef", "cliff"])
+def test_hours_whose_time_zone_nobody_said_are_told(caplog, kind):
+    modlhmp.build_map(kind, PEOPLE, SITE)
+    assert not caplog.records
+    modlhmp.build_map(kind, PEOPLE)
+    assert len(caplog.records) == (kind != "cliff")
+    assert ("its hours are taken for those of UTC" in caplog.text) == ("modlhmp.Site(timezone=" in caplog.text)
+
+
 @pytest.mark.parametrize("output", OUTPUTS)
 def test_ranks_are_those_of_the_best_path_and_of_the_written_order(output):
     """Of any output that an outside kind may have: the future that ranks first is the best one, or none has a rank."""

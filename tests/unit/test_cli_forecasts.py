@@ -429,6 +429,15 @@ def test_a_table_and_a_hand_in_have_the_same_scores_under_both_protocols(site, t
         np.testing.assert_allclose(both[name], both[f"{name}_of_hand_in"], rtol=1e-4)
 
 
+def test_what_a_hand_in_or_a_table_does_not_ask_is_refused(site, folder, tmp_path):
+    said("forecast", "--map", "cvm", "--tracks", folder / "walks.csv", "--horizon", 3, "--out", tmp_path / "f.csv")
+    of_table = ("score", tmp_path / "f.csv", "--tracks", folder / "walks.csv", "--time-step", 1)
+    assert "--split train: of a hand-in, a folder;" in refused(*of_table, "--split", "train")
+    of_hand_in = ("score", tmp_path, "--tracks", site / "hall.yaml", "--data-root", site)
+    for option, value in (("--path", "mean"), ("--time-step", 2.0)):
+        assert f"{option} {value}: the hand-in {tmp_path} says that itself" in refused(*of_hand_in, option, value)
+
+
 def test_the_split_is_chosen(site, tmp_path):
     """Validation is the last training days, or blocks of time; each is another task."""
     hashes = set()
