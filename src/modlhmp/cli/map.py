@@ -43,7 +43,8 @@ FormOption = Annotated[
     str | None, typer.Option("--form", metavar="NAME", help="Form of MAP, where its content does not tell.")
 ]
 TimezoneOption = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Time zone of the place, for maps by hours [default: UTC]")
+    str | None,
+    typer.Option(metavar="NAME", help="Time zone of the place, for maps by hours [default: UTC, with a warning]"),
 ]
 HoursZoneOption = Annotated[
     str | None,
