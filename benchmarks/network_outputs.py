@@ -29,13 +29,13 @@ TRACKS, SAMPLES = 300, 5
 
 
 def load(folder, method):
-    """A trained network and the scenes' shape, whatever the configuration."""
+    """A trained network and the site that its scenes are of, whatever the configuration."""
     weights, settings = read_weights(folder / "models" / f"{method}.safetensors")
     kind, (steps, observed_rows, step_s) = find(settings["kind"]), settings["shape"]
     site = Site(time_step_s=step_s, horizon_s=steps * step_s, observed_rows=observed_rows)
     network = build_network(kind, build(kind.options, settings["options"]), site)
     network.load_state_dict(weights)
-    return network.eval(), settings["shape"]
+    return network.eval(), site
 
 
 def likeliest_velocities(network, past, present):
@@ -81,10 +81,12 @@ def main(folder, recording, *others):
     folder = Path(folder)
     own, *rest = (read_tracks(folder / "tracks" / f"{name}.parquet") for name in (recording, *others))
     for method in ("trajectronpp", "mid"):
-        network, (steps, observed_rows, step_s) = load(folder, method)
-        day = day_of(own, rest, observed_rows)
+        network, site = load(folder, method)
+        day, steps = day_of(own, rest, site), site.steps
         rows = day.rows[np.random.default_rng(0).permutation(len(day.rows))[:TRACKS]]
-        scenes = Scenes(*map(torch.from_numpy, scenes_at(day, rows[:, 0], rows[:, 1], steps, observed_rows, step_s)))
+        scenes = Scenes(
+            *map(torch.from_numpy, scenes_at(day, rows[:, 0], rows[:, 1], steps, site.observed_rows, site.time_step_s))
+        )
         scenes = scenes.take(scenes.lengths() > 0)
         seen = scenes.past, scenes.past_present
         with torch.no_grad():

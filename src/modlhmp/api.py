@@ -25,7 +25,7 @@ from modlhmp.arguments import (
     uses_recorded,
 )
 from modlhmp.cleaning import check_rules, clean_recording, tell_of_faults
-from modlhmp.exchange.maps import read_tables, write_tables
+from modlhmp.exchange.maps import read_tables, tell_of_zone, write_tables
 from modlhmp.exchange.parquet import PARQUET, is_parquet, read_ours
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.forecasting.base import Forecaster
@@ -66,8 +66,9 @@ def read_tracks(
     a header), `units`, `separator`, `timezone`, `time_step_s`, `cleaning`, `reader` ... `day` (ISO date) keeps the rows
     of that local day only; `start`, such as "09:00", is the clock time of a file whose times begin at 0 on that day.
     A clean recording of the workflow (.parquet) is read as it is. Of a dataset file (.yaml) all recordings are read, or
-    those of one `split`; they lie under `data_root`, and where two share a track id all get others. Faulty rows are
-    dropped, and a warning of the logger `modlhmp` counts them and shows the first.
+    those of one `split`; they lie under `data_root` (default: the file's folder; `MODLHMP_DATA` is not asked), and
+    where two share a track id all get others. Faulty rows are dropped, and a warning of the logger `modlhmp` counts
+    them and shows the first.
     `DataError` names the file, the row or option, the value and the remedy.
     """
     path = path_of("read_tracks", path)
@@ -178,7 +179,8 @@ class Map:
 def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: Any) -> Map:
     """Build a kind of map from tracks: `cliff`, `stef`, `episodes`, `snippets`, `pooled` ..., or of another package.
 
-    `site` gives the time zone and the time step (default: UTC, and the step of the tracks); `building` are the kind's
+    `site` gives the time zone and the time step (default: UTC, with a warning for a kind by hours, and the step of the
+    tracks); `building` are the kind's
     own options, such as `resolution_m=0.5` (`modlhmp kinds NAME` lists them). `DataError` for a wrong kind or option,
     or tracks whose rows are not a time step apart.
     """
@@ -187,6 +189,8 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
         raise DataError(f"kind: {given} given; the kind comes first: build_map('cliff', tracks)")
     record = map_kind(kind)
     options: Any = check(record.building, building, f"build_map({kind!r})")  # type: ignore[arg-type]
+    if record.hourly and site is None:
+        tell_of_zone(f"build_map({kind!r})", "build")
     site = checked_site("build_map", tracks, site)
     if not (np.isfinite(tracks.x).all() and np.isfinite(tracks.y).all()):
         raise DataError("build_map: a position is not a number; leave such rows out")

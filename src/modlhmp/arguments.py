@@ -21,6 +21,10 @@ from modlhmp.tracks import Tracks, gap_limit, usable_tracks, usual_step
 
 LATEST_S = 1e11  # of a time in unix s: the year 5138; one in ms is beyond
 A_MAP = "a Map (build_map, load_map, or UpdatedMap.written)"
+NETWORK = (
+    "kind {} is a network, which a run trains and forecasts with: name it in `compare` of a run's configuration "
+    "(docs/runs.md)"
+)
 SHORT = 2.0**24  # a float32 holds no larger time to the second
 FASTEST_M_S = 100.0  # a recorded speed beyond is in another unit
 USUAL_M_S = 10.0  # of half of all steps: nobody walks so
@@ -84,7 +88,7 @@ def map_kind(name: str) -> Kind:
     """The record of a kind of map."""
     record = find(name, maps_only=True)
     if record.learned:
-        raise DataError(f"kind {name!r} is a network: the workflow trains it and forecasts with it, see the README")
+        raise DataError(NETWORK.format(repr(name)))
     if not record.has_map:
         maps = [kind.name for kind in all_kinds().values() if kind.has_map]
         raise DataError(f"kind {name!r} is not a map; maps are {', '.join(maps)}")
@@ -101,7 +105,7 @@ def free_kind(name: str) -> Kind:
     if record.has_map:
         raise DataError(f"kind {name!r} cannot forecast by its name alone: give a Map, as build_map makes it")
     if record.learned:
-        raise DataError(f"kind {name!r} is a network: the workflow trains it and forecasts with it, see the README")
+        raise DataError(NETWORK.format(repr(name)))
     if record.outside:
         raise DataError(
             f"kind {name!r} is scored, not asked: read the files with modlhmp.exchange, or run the workflow"

@@ -172,21 +172,22 @@ def check_network(kind: Kind, options: Any, tracks: Tracks, site: Site) -> Forec
 
     scenes = import_module("modlhmp.networks.data")
     training = import_module("modlhmp.networks.training")
-    network = training.build_network(kind, options, site)
-    day = scenes.day_of(tracks, [], site.observed_rows, site.timezone)
-    first = day.rows[:, 0]
-    arrays = scenes.scenes_at(day, first, day.rows[:, 1], site.steps, site.observed_rows, site.time_step_s)
-    batch = scenes.Scenes(*(torch.from_numpy(part) for part in arrays))
-    torch.manual_seed(0)
-    network.planned_iterations = 1
-    network.prepare(batch)
-    loss = network.loss(batch)
-    assert loss.ndim == 0 and torch.isfinite(loss), f"{kind.name}: the loss is {loss}, a finite scalar is needed"
-    optimiser = network.optimiser(0.01)
-    for _ in range(3):  # so that weights that begin as zeros are none
-        optimiser.zero_grad()
-        network.loss(batch).backward()
-        optimiser.step()
+    with torch.random.fork_rng(devices=[]):
+        network = training.build_network(kind, options, site)
+        day = scenes.day_of(tracks, [], site)
+        first = day.rows[:, 0]
+        arrays = scenes.scenes_at(day, first, day.rows[:, 1], site.steps, site.observed_rows, site.time_step_s)
+        batch = scenes.Scenes(*(torch.from_numpy(part) for part in arrays))
+        torch.manual_seed(0)
+        network.planned_iterations = 1
+        network.prepare(batch)
+        loss = network.loss(batch)
+        assert loss.ndim == 0 and torch.isfinite(loss), f"{kind.name}: the loss is {loss}, a finite scalar is needed"
+        optimiser = network.optimiser(0.01)
+        for _ in range(3):  # so that weights that begin as zeros are none
+            optimiser.zero_grad()
+            network.loss(batch).backward()
+            optimiser.step()
     forecaster = import_module(str(kind.forecasts)).forecaster(network.eval(), site, options)
     observed = observe(tracks, usable(tracks, site), site.observed_rows)
     alone = observed._replace(neighbours=np.full((len(observed.track_id), 5, site.observed_rows, 2), np.nan))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from modlhmp.forecasting.base import Forecast
-from modlhmp.forecasting.ranking import best_path, rank_order
+from modlhmp.forecasting.ranking import RANKED, best_path, rank_order
 from modlhmp.site import Site
 from modlhmp.storage import DataError
 
@@ -99,10 +99,11 @@ class Futures:
     @property
     def ranks(self) -> np.ndarray:
         """Rank [n, k] of each sampled future at the longest horizon, 0 the best; all 0 where futures are not ranked."""
-        n, k = self.paths.shape[:2]
+        samples = self.forecast.samples  # those behind modes are of equal standing
+        n, k, steps = samples.xy.shape[:3]
         ranks = np.zeros((n, k), np.int64)
-        if self.forecast.output in {"ranked", "medoid"}:
-            np.put_along_axis(ranks, rank_order(self.forecast, self.forecast.xy.shape[2]), np.arange(k)[None], axis=1)
+        if samples.output in RANKED:
+            np.put_along_axis(ranks, rank_order(samples, steps), np.arange(k)[None], axis=1)
         return ranks
 
     def density(

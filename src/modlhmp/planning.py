@@ -127,7 +127,7 @@ def path_cost(
     if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2 or not np.isfinite(xy).all():
         raise DataError(f"path of shape {xy.shape}: give [n, 2] of x, y in m, two points or more, all finite")
     for name, value in (("speed_m_s", speed_m_s), ("width_m", width_m)):
-        if not (np.isscalar(value) and 0 < value < 100):  # type: ignore[operator]
+        if not (isinstance(value, Real) and 0 < value < 100):
             raise DataError(f"path_cost: {name} {value!r}: give a number above 0 and below 100")
     for name, value in (("people", 0 if people is None else people), ("delay_s", delay_s)):
         if not (isinstance(value, Real) and 0 <= value < np.inf):

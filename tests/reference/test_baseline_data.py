@@ -143,7 +143,7 @@ def test_a_forecast_sees_what_training_showed():
     site = Site(observed_rows=4, horizon_s=12.0, time_step_s=1.0)
     list(forecast_recording(own, forecaster, site, ("data", "method", "day"), 1, [0], [other]))
     past, present, origin = observed_scene(given[0], 1.0)
-    day = day_of(own, [other], 4)
+    day = day_of(own, [other], Site())
     scenes = scenes_at(day, *day.rows.T, *SHAPE)
     assert scenes.past_present[:, 1:].any()
     np.testing.assert_array_equal(past, scenes.past)
@@ -162,7 +162,7 @@ def test_the_observed_past_is_that_of_the_observed_rows():
 
 def test_neighbours_come_from_all_recordings_of_the_day():
     own = concatenate([straight(4, (0, 0), (1, 0), 10), straight(8, (0, 1), (1, 0), 10)])
-    day = day_of(own, [straight(4, (0, 3), (1, 0), 9), straight(2, (0, -2), (1, 0), 6)], 4)
+    day = day_of(own, [straight(4, (0, 3), (1, 0), 9), straight(2, (0, -2), (1, 0), 6)], Site())
     assert day.rows.tolist() == [[0, 9], [10, 19]]  # only the recording's own people are forecast
     scenes = scenes_at(day, *day.rows.T, *SHAPE)
     assert scenes.past_present[:, :, -1].sum(1).tolist() == [4, 4]
@@ -207,7 +207,7 @@ def test_every_window_has_its_truth():
 
 @pytest.mark.parametrize(("futures", "number"), [("masked", 16), ("full", 5)])
 def test_half_of_the_windows_begin_with_the_track(futures, number):
-    day = day_of(concatenate([speeding(n, 20, 100.0 * n) for n in range(2000)]), [], 4)
+    day = day_of(concatenate([speeding(n, 20, 100.0 * n) for n in range(2000)]), [], Site())
     windows = training_windows(day, futures, *SHAPE)
     assert (windows == number).all()
     starts = first_row_of(draw_windows([day], [windows], np.random.default_rng(12), *SHAPE))
@@ -219,7 +219,11 @@ def test_half_of_the_windows_begin_with_the_track(futures, number):
 
 def test_windows_are_drawn_by_the_generator_alone():
     tracks = crowd(13, gaps=GAPS)
-    days = [day_of(tracks, [], 4), day_of(empty_tracks(), [tracks], 4), day_of(crowd(14, gaps=GAPS), [], 4)]
+    days = [
+        day_of(tracks, [], Site()),
+        day_of(empty_tracks(), [tracks], Site()),
+        day_of(crowd(14, gaps=GAPS), [], Site()),
+    ]
     windows = [training_windows(day, "masked", *SHAPE) for day in days]
     one, same, other = (draw_windows(days, windows, np.random.default_rng(seed), *SHAPE) for seed in (1, 1, 2))
     for a, b in zip(one, same, strict=True):
@@ -237,7 +241,7 @@ def training_people(data):
 
 
 def test_a_person_is_trained_on_or_held_out():
-    data = training_data([day_of(paced(range(1000)), [], 4)], "masked", 0.1, 0, *SHAPE)
+    data = training_data([day_of(paced(range(1000)), [], Site())], "masked", 0.1, 0, *SHAPE)
     trained, held_out = training_people(data), who_is(data.validation)
     assert sorted(trained + held_out) == list(range(1000))
     assert 70 <= len(held_out) <= 130
@@ -249,7 +253,7 @@ def test_a_person_is_trained_on_or_held_out():
 @pytest.mark.parametrize("share", [0.0, 0.1])
 @pytest.mark.parametrize("people", [2, 3, 10, 25])
 def test_somebody_is_held_out_even_of_few(people, share):
-    days = [day_of(paced(range(people)), [], 4), day_of(empty_tracks(), [], 4)]
+    days = [day_of(paced(range(people)), [], Site()), day_of(empty_tracks(), [], Site())]
     for seed in range(5):
         data = training_data(days, "masked", share, seed, *SHAPE)
         held_out = who_is(data.validation)
@@ -264,7 +268,7 @@ def test_pieces_of_one_person_are_on_one_side(held_out):
     tracks = [straight(n, (0, 0), (n / 100, 0), 20 if n % 5 else 3, 100.0 * n) for n in range(200)]
     tracks += [straight(one, (0, 0), (n / 100, 0), 20, 100.0 * n + 9000 * (i + 1))
                for i, (one, n) in enumerate(sorted(pieces.items()))]  # fmt: skip
-    days = [day_of(concatenate(tracks), [paced(range(5))], 4, pieces=pieces)]
+    days = [day_of(concatenate(tracks), [paced(range(5))], Site(), pieces=pieces)]
     for seed in range(3):
         data = training_data(days, "masked", 0.2, seed, *SHAPE, held_out=held_out)
         out, trained = Counter(who_is(data.validation)), Counter(who_is(data.draw(np.random.default_rng(0))))
@@ -278,13 +282,13 @@ def test_where_nobody_was_cut_the_hash_of_the_track_decides():
     for ids in (range(300), [id_of(f"P{n}") for n in range(300)]):
         tracks = concatenate([straight(n, (0, 0), (1, 0), 20) for n in sorted(ids)])
         for pieces in (None, {7 * 10**6: 5}):
-            day = day_of(tracks, [], 4, pieces=pieces)
+            day = day_of(tracks, [], Site(), pieces=pieces)
             key = stream_keys(day.tracks.track_id[day.rows[:, 0]], 1, "validation", 4)[:, 0]
             np.testing.assert_array_equal(persons_held_out([day], 0.3, 4)[0], key <= np.uint64(0.3 * 2.0**64))
 
 
 def test_nobody_is_held_out_of_nobody():
-    data = training_data([day_of(empty_tracks(), [paced(range(5))], 4)], "masked", 0.1, 0, *SHAPE)
+    data = training_data([day_of(empty_tracks(), [paced(range(5))], Site())], "masked", 0.1, 0, *SHAPE)
     assert data.tracks == len(data.validation.past) == 0
 
 
@@ -292,17 +296,18 @@ def test_the_split_depends_on_the_seed_and_not_on_the_order():
     tracks = paced(range(300))
     order = np.random.default_rng(1).permutation(300)
     one, other = (
-        training_data([day_of(table, [], 4)], "masked", 0.1, 0, *SHAPE) for table in (tracks, reordered(tracks, order))
+        training_data([day_of(table, [], Site())], "masked", 0.1, 0, *SHAPE)
+        for table in (tracks, reordered(tracks, order))
     )
     assert sorted(who_is(one.validation)) == sorted(who_is(other.validation))
     assert sorted(training_people(one)) == sorted(training_people(other))
     assert who_is(one.validation) != who_is(other.validation)  # the same people in another order
-    reseeded = training_data([day_of(tracks, [], 4)], "masked", 0.1, 1, *SHAPE)
+    reseeded = training_data([day_of(tracks, [], Site())], "masked", 0.1, 1, *SHAPE)
     assert set(who_is(reseeded.validation)) != set(who_is(one.validation))
 
 
 def test_held_out_people_are_seen_from_their_first_row():
-    days = [day_of(concatenate([speeding(n, 20, 100.0 * n) for n in range(200)]), [], 4) for _ in range(2)]
+    days = [day_of(concatenate([speeding(n, 20, 100.0 * n) for n in range(200)]), [], Site()) for _ in range(2)]
     data = training_data(days, "full", 0.2, 0, *SHAPE)
     assert len(data.validation.past) > 40
     assert (first_row_of(data.validation) == 0).all()
@@ -313,14 +318,14 @@ def test_held_out_people_are_seen_from_their_first_row():
 def test_validation_takes_futures_of_any_length():
     """`full` restricts what is trained on, not what is validated on."""
     tracks = concatenate([straight(n, (0, 0), (n / 100, 0), 16 if n % 2 else 8, 100.0 * n) for n in range(400)])
-    data = training_data([day_of(tracks, [], 4)], "full", 0.2, 0, *SHAPE)
+    data = training_data([day_of(tracks, [], Site())], "full", 0.2, 0, *SHAPE)
     assert set(data.validation.lengths().tolist()) == {4, 12}
     assert data.tracks == sum(n % 2 for n in training_people(data))
     assert (data.draw(np.random.default_rng(0)).lengths() == 12).all()
 
 
 def test_full_futures_need_a_track_that_goes_on_for_the_horizon():
-    days = [day_of(paced(range(50), rows=15), [], 4)]  # 11 steps of truth
+    days = [day_of(paced(range(50), rows=15), [], Site())]  # 11 steps of truth
     assert training_data(days, "full", 0.1, 0, 11, 4, 1.0).tracks > 40
     with pytest.raises(DataError, match=r"whole horizon of 12 s.*`futures: masked`.*shorter horizon_s"):
         training_data(days, "full", 0.1, 0, *SHAPE)
@@ -350,7 +355,7 @@ def trained_on(data):
 def test_the_last_fifth_of_several_days_is_held_out(number, held_out):
     begin = DAY_S - START % DAY_S  # of a day
     ids = np.arange(10 * number).reshape(number, 10)
-    days = [day_of(at_times(i, begin + n * DAY_S + 1000 * np.arange(10)), [], 4) for n, i in enumerate(ids)]
+    days = [day_of(at_times(i, begin + n * DAY_S + 1000 * np.arange(10)), [], Site()) for n, i in enumerate(ids)]
     for some in (days, days[::-1]):  # whatever the order of the recordings
         data = by_blocks(some)
         assert sorted(who_is(data.validation)) == ids[number - held_out :].ravel().tolist()
@@ -361,7 +366,9 @@ def test_a_day_ends_at_midnight_of_its_own_clock():
     """Two recordings of one day in Tokyo, which are of two days in London."""
     begin = DAY_S - START % DAY_S
     tables = [at_times(range(n, n + 40), begin + hour * HOUR_S + 10 * np.arange(40)) for n, hour in ((0, -2), (40, 1))]
-    there, here = ([day_of(table, [], 4, zone) for table in tables] for zone in ("Asia/Tokyo", "Europe/London"))
+    there, here = (
+        [day_of(table, [], Site(timezone=zone)) for table in tables] for zone in ("Asia/Tokyo", "Europe/London")
+    )
     assert sorted(who_is(by_blocks(here).validation)) == list(range(40, 80))
     assert len(who_is(by_blocks(there).validation)) < 40
 
@@ -372,7 +379,7 @@ def test_half_hours_of_one_day_are_held_out_whole():
     tracks = at_times(range(1000), begin + times)
     held_out = {}
     for seed in (0, 1):
-        data = by_blocks([day_of(tracks, [], 4), day_of(empty_tracks(), [tracks], 4)], seed)
+        data = by_blocks([day_of(tracks, [], Site()), day_of(empty_tracks(), [tracks], Site())], seed)
         out, rest = who_is(data.validation), trained_on(data)
         assert sorted(out + rest) == list(range(1000))
         blocks = [set((times[people] // 1800).tolist()) for people in (out, rest)]
@@ -384,15 +391,15 @@ def test_half_hours_of_one_day_are_held_out_whole():
 
 @pytest.mark.parametrize("span", [1.0, 60.0, 1000.0])
 def test_a_short_recording_has_shorter_blocks(span):
-    data = by_blocks([day_of(at_times(range(200), span * np.arange(200) / 200), [], 4)])
+    data = by_blocks([day_of(at_times(range(200), span * np.arange(200) / 200), [], Site())])
     assert 5 <= len(who_is(data.validation)) <= 60
     assert sorted(who_is(data.validation) + trained_on(data)) == list(range(200))
 
 
 def test_people_of_one_moment_cannot_be_held_out_by_time():
     with pytest.raises(DataError, match=r"begin at the same moment.*`held_out: persons`"):
-        by_blocks([day_of(at_times(range(30), np.zeros(30)), [], 4)])
-    nobody = by_blocks([day_of(empty_tracks(), [paced(range(5))], 4)])
+        by_blocks([day_of(at_times(range(30), np.zeros(30)), [], Site())])
+    nobody = by_blocks([day_of(empty_tracks(), [paced(range(5))], Site())])
     assert nobody.tracks == len(nobody.validation.past) == 0
 
 
@@ -401,7 +408,7 @@ def test_people_of_one_moment_cannot_be_held_out_by_time():
 
 def test_long_tracks_give_more_windows_if_asked_for():
     tables = [speeding(n, rows, 100.0 * n) for n, rows in enumerate([6, 14, 44] * 100)]
-    days = [day_of(concatenate(tables), [], 4)]
+    days = [day_of(concatenate(tables), [], Site())]
     once, more = (training_data(days, "masked", 0.1, 0, *SHAPE, another_every=every) for every in (None, 10))
     assert once.drawn == once.tracks == more.tracks
     numbers = more.windows[0]

@@ -35,7 +35,7 @@ def learn(tmp_path):
         learning = Learning(device="cpu", futures="masked", seed=0)
         options = Lstm(**{**OPTIONS, "windows": epochs * len(np.unique(tracks.track_id)), **options})
         checkpoint = tmp_path / f"{kind}.checkpoint"
-        day = day_of(tracks, [], 4)
+        day = day_of(tracks, [], Site())
         return train(find(kind), options, [day], site, learning, checkpoint, logging.getLogger(), threads=1)[0]
 
     return start
@@ -48,7 +48,7 @@ def noisy(rng, xy):
 
 def forecast(network, tracks):
     """(network's, CVM's, true) paths [n, steps, 2] of all usable tracks from their first rows, around t0's position."""
-    day = day_of(tracks, [], 4)
+    day = day_of(tracks, [], Site())
     scenes = scenes_at(day, *day.rows.T, network.steps, 4, 1.0)
     with torch.no_grad():
         seen = map(torch.from_numpy, scenes[:2])

@@ -186,7 +186,7 @@ def test_the_loss_sees_only_truth_that_is_there():
 
 def test_nobody_else_is_looked_for():
     tracks = concatenate([walk(n, np.arange(12.0), np.arange(12.0)[:, None] * [1.0, 0.1 * n]) for n in range(5)])
-    day = day_of(tracks, [], 4)
+    day = day_of(tracks, [], Site())
     with_others, alone = (scenes_at(day, *day.rows.T, 8, 4, 1.0, neighbours=n) for n in (True, False))
     assert with_others.past_present[:, 1:].any()
     assert alone.past.shape[1] == alone.future.shape[1] == 1
@@ -278,9 +278,9 @@ def walkers_of_two_corridors(seed, people=240, span=7200.0):
 
 def error_of(options, tmp_path, tracks, other):
     """ADE [m] on `other` people of a network trained on `tracks`."""
-    day = day_of(tracks, [], 4)
+    day = day_of(tracks, [], Site())
     net = train(KIND, options, [day], SITE, LEARNING, tmp_path / "c", logging.getLogger(), threads=1)[0].eval()
-    day = day_of(other, [], 4)
+    day = day_of(other, [], Site())
     scenes = scenes_at(day, *day.rows.T, 12, 4, 1.0, neighbours=False)
     with torch.no_grad():
         paths = net.forecast(*map(torch.from_numpy, scenes[:2]), None, torch.from_numpy(scenes.where))[:, 0].numpy()

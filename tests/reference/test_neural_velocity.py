@@ -185,6 +185,23 @@ def test_where_nobody_walked_the_background_takes_over(built, tracks, no_map):
 # --- as a map among others ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("flushed", [False, True])
+def test_building_leaves_torch_as_it_was(tracks, flushed):
+    """Its threads, and whether numbers below 1e-38 are zero, also where building fails."""
+    threads, some = torch.get_num_threads(), tracks.take(tracks.track_id < 60)
+    try:
+        torch.set_num_threads(2)
+        torch.set_flush_denormal(flushed)
+        modlhmp.build_map("neural_velocity", some, SITE, epochs=1)
+        with pytest.raises(AttributeError):
+            velocity_net.train(None, np.empty(0), 1, {}, 1, 0)
+        assert torch.get_num_threads() == 2
+        assert (torch.tensor(1e-40).mul(1.0).item() == 0) == flushed
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_flush_denormal(False)
+
+
 def test_same_rows_give_the_same_map_to_the_last_bit(tracks):
     """Whatever was drawn before; and the random numbers of others go on as if nothing had been."""
     some = tracks.take(tracks.track_id < 60)

@@ -50,7 +50,7 @@ NAMES = ("data", "method", "day")
 @cache
 def two_days():
     """Two days of some 50 usable people each."""
-    return [day_of(crowd(seed, people=60, most_rows=24, gaps=(1, 1, 1, 2)), [], 4) for seed in (1, 2)]
+    return [day_of(crowd(seed, people=60, most_rows=24, gaps=(1, 1, 1, 2)), [], Site()) for seed in (1, 2)]
 
 
 @cache
@@ -226,7 +226,7 @@ def test_a_checkpoint_of_other_options_is_not_taken_up(run, tmp_path, caplog, ch
 @pytest.mark.parametrize("setting", ["seed", "futures"])
 def test_a_checkpoint_of_other_settings_is_not_taken_up(run, caplog, setting):
     """Even if as many tracks are trained on."""
-    days = [day_of(concatenate([straight(n, (0, 0), (1, 0), 20, 100.0 * n) for n in range(40)]), [], 4)]
+    days = [day_of(concatenate([straight(n, (0, 0), (1, 0), 20, 100.0 * n) for n in range(40)]), [], Site())]
     numbers = [training.training_data(days, "masked", 0.1, seed, 6, 4, 1.0).tracks for seed in range(20)]
     other = {"seed": numbers.index(numbers[0], 1), "futures": "full"}[setting]
     run("lstm", options_of("lstm", windows=1), days=days)
@@ -337,15 +337,15 @@ def test_a_loss_that_is_not_finite_ends_the_training(run, monkeypatch):
 
 
 def test_too_few_tracks(run):
-    few = day_of(concatenate([straight(n, (0, 0), (1, 0), 12, 100.0 * n) for n in range(15)]), [], 4)
+    few = day_of(concatenate([straight(n, (0, 0), (1, 0), 12, 100.0 * n) for n in range(15)]), [], Site())
     with pytest.raises(DataError, match=r"lstm: 1\d training and \d+ validation tracks are too few .*at least 20"):
         run("lstm", options_of("lstm"), days=[few])
     with pytest.raises(DataError, match=r"0 training and 0 validation tracks are too few .*name more training"):
-        run("lstm", options_of("lstm"), days=[day_of(empty_tracks(), [], 4)])
+        run("lstm", options_of("lstm"), days=[day_of(empty_tracks(), [], Site())])
 
 
 def test_no_track_of_the_whole_horizon(run):
-    short = [day_of(concatenate([straight(n, (0, 0), (1, 0), 8, 100.0 * n) for n in range(60)]), [], 4)]
+    short = [day_of(concatenate([straight(n, (0, 0), (1, 0), 8, 100.0 * n) for n in range(60)]), [], Site())]
     assert len(run("lstm", options_of("lstm", windows=1), days=short)[1]) == 1
     with pytest.raises(DataError, match=r"`futures: masked`"):
         run("lstm", options_of("lstm", windows=1), days=short, futures="full")

@@ -13,6 +13,8 @@ import pytest
 import modlhmp
 from modlhmp import DataError, Site
 from modlhmp.contract import SITE, crowd
+from modlhmp.forecasting.base import OUTPUTS, Forecast
+from modlhmp.forecasting.ranking import rank_order
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.kinds import find
 from modlhmp.methods import make_forecaster
@@ -385,6 +387,31 @@ def usual_and(maps, kind, output):
     """A kind's few futures with its default output, and with this one."""
     few = FEW.get(kind, {"k": 7})
     return [modlhmp.forecast(maps[kind], seen(PEOPLE), **few, **one) for one in ({}, {"output": output})]
+
+
+@pytest.mark.parametrize("kind", ["tc_cliff", "stef", "cliff"])
+def test_hours_whose_time_zone_nobody_said_are_told(caplog, kind):
+    modlhmp.build_map(kind, PEOPLE, SITE)
+    assert not caplog.records
+    modlhmp.build_map(kind, PEOPLE)
+    assert len(caplog.records) == (kind != "cliff")
+    assert ("its hours are taken for those of UTC" in caplog.text) == ("modlhmp.Site(timezone=" in caplog.text)
+
+
+@pytest.mark.parametrize("output", OUTPUTS)
+def test_ranks_are_those_of_the_best_path_and_of_the_written_order(output):
+    """Of any output that an outside kind may have: the future that ranks first is the best one, or none has a rank."""
+    rng, (n, k, steps) = np.random.default_rng(0), (6, 1 if output == "single" else 8, 4)
+    xy = rng.normal(size=(n, k, steps, 2)).astype(np.float32)
+    given = Forecast(xy, rng.normal(size=(n, k, steps)).astype(np.float32), rng.integers(1, steps, (n, k)), output)
+    futures = modlhmp.Futures(np.arange(n), np.zeros(n), np.zeros((n, 2)), given, modlhmp.Site(horizon_s=steps))
+    assert futures.ranks.shape == futures.paths.shape[:2]
+    if output in {"ranked", "medoid", "likeliest"}:
+        np.testing.assert_array_equal(np.sort(futures.ranks), np.tile(np.arange(k), (n, 1)))
+        np.testing.assert_array_equal(futures.best, futures.paths[np.arange(n), futures.ranks.argmin(axis=1)])
+        np.testing.assert_array_equal(np.take_along_axis(futures.ranks, rank_order(given, steps), 1)[0], np.arange(k))
+    else:
+        assert not futures.ranks.any()
 
 
 @pytest.mark.parametrize("kind", ["episodes", "snippets", "pooled", "cliff"])

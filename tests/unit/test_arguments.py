@@ -257,8 +257,8 @@ def test_a_gap_names_its_walker():
 
 
 def test_networks_and_files_by_name():
-    refused("the workflow trains it", modlhmp.build_map, "lstm", PEOPLE)
-    refused("the workflow trains it", modlhmp.forecast, "lstm", STRAIGHT)
+    refused("name it in `compare` of a run's configuration", modlhmp.build_map, "lstm", PEOPLE)
+    refused("name it in `compare` of a run's configuration", modlhmp.forecast, "lstm", STRAIGHT)
     refused("made of other methods' forecasts", modlhmp.forecast, "average", STRAIGHT)
     for by in ("maps/cliff.parquet", "cliff.parquet"):
         refused("give the map that lies there, modlhmp.load_map", modlhmp.forecast, by, STRAIGHT)

@@ -400,6 +400,44 @@ def test_a_task_is_exported_forecast_and_scored(site, tmp_path):
     assert last["ade_m"] == pytest.approx(expected["ade_m"], rel=1e-5) and last["n"] == 30
 
 
+def test_a_table_and_a_hand_in_have_the_same_scores_under_both_protocols(site, tmp_path):
+    """The dataset file's idle filter counts for both: here of half of the people."""
+    hall, others = tmp_path / "hall.yaml", pd.read_csv(site / "monday.csv")
+    idle = "paper_protocol: {idle_filter: {rows: 5, min_displacement_m: 6.0}}\n"
+    hall.write_text((site / "hall.yaml").read_text() + idle)
+    others.assign(track_id=others["track_id"] + 1000).to_csv(tmp_path / "monday.csv", index=False)
+    (tmp_path / "tuesday.csv").write_bytes((site / "tuesday.csv").read_bytes())
+    said("export-task", hall, "--to", tmp_path / "task", "--data-root", tmp_path)
+    mine = tmp_path / "mine"
+    mine.mkdir()
+    (mine / "f.json").write_text(json.dumps({"task": json.loads((tmp_path / "task/task.json").read_text())["task"]}))
+    tested = pd.read_csv(tmp_path / "tuesday.csv")
+    tested.groupby("track_id").head(4).to_csv(tmp_path / "seen.csv", index=False)
+    found = []
+    for seen, out, handed in (
+        ("task/observations.csv", mine / "f.csv", mine),
+        ("seen.csv", *2 * (tmp_path / "g.csv",)),
+    ):
+        said("forecast", "--map", "cvm", "--tracks", tmp_path / seen, "--horizon", 8, "--out", out)
+        found.append(table("score", handed, "--tracks", hall, "--data-root", tmp_path))
+    by = ["protocol", "horizon_s"]
+    both = found[0].merge(found[1], on=by, suffixes=("_of_hand_in", ""))
+    assert len(both) == len(found[0]) == len(found[1])
+    counted = both[both["horizon_s"] == 8].set_index("protocol")["n"]
+    assert 0 < counted["paper"] < counted["complete"] == 30
+    for name in ("n", "eligible", "ade_m", "fde_m"):
+        np.testing.assert_allclose(both[name], both[f"{name}_of_hand_in"], rtol=1e-4)
+
+
+def test_what_a_hand_in_or_a_table_does_not_ask_is_refused(site, folder, tmp_path):
+    said("forecast", "--map", "cvm", "--tracks", folder / "walks.csv", "--horizon", 3, "--out", tmp_path / "f.csv")
+    of_table = ("score", tmp_path / "f.csv", "--tracks", folder / "walks.csv", "--time-step", 1)
+    assert "--split train: of a hand-in, a folder;" in refused(*of_table, "--split", "train")
+    of_hand_in = ("score", tmp_path, "--tracks", site / "hall.yaml", "--data-root", site)
+    for option, value in (("--path", "mean"), ("--time-step", 2.0)):
+        assert f"{option} {value}: the hand-in {tmp_path} says that itself" in refused(*of_hand_in, option, value)
+
+
 def test_the_split_is_chosen(site, tmp_path):
     """Validation is the last training days, or blocks of time; each is another task."""
     hashes = set()

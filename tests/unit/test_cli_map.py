@@ -101,7 +101,24 @@ def test_a_map_by_hours_takes_the_place_s_clock(folder, tmp_path):
     assert list(hour_files(tmp_path / "hours")) == [16, 17]
 
 
-def test_a_map_is_built_from_a_dataset_file(tmp_path):
+@pytest.mark.parametrize("verb", ["build", "update"])
+@pytest.mark.parametrize(
+    ("kind", "zone", "told"), [("tc_cliff", (), 1), ("tc_cliff", ("--timezone", "UTC"), 0), ("cliff", (), 0)]
+)
+def test_hours_of_tracks_without_a_time_zone_are_told_once(folder, tmp_path, caplog, verb, kind, zone, told):
+    """UTC that is said is not asked for again, and the second piece is of the first's zone."""
+    words = [kind, folder / "tracks.parquet", "--out", tmp_path / "new"]
+    if verb == "update":
+        words = [tmp_path / "state.parquet", folder / "tracks.parquet", "--kind", kind, "--out", tmp_path / "new"]
+    said(verb, *words, *zone)
+    assert caplog.text.count("hours are taken for those of UTC") == told
+    assert caplog.text.count(f"map {verb} --timezone NAME") == told
+    if verb == "update":
+        said("update", tmp_path / "state.parquet", folder / "tracks.parquet", *zone)
+        assert caplog.text.count("hours are taken for those of UTC") == told
+
+
+def test_a_map_is_built_from_a_dataset_file(tmp_path, monkeypatch, capsys, caplog):
     rows = [
         f"{person},{t},{1.2 * t * (1 if person % 2 else -1)},{0.1 * person}" for person in range(12) for t in range(20)
     ]
@@ -120,6 +137,14 @@ def test_a_map_is_built_from_a_dataset_file(tmp_path):
     assert (made.site.timezone, made.site.horizon_s) == ("Europe/London", 5)
     training = modlhmp.read_tracks(tmp_path / "mine.yaml", data_root=tmp_path, split="train")
     assert made.whole.equals(modlhmp.build_map("snippets", training, made.site).whole)
+    said("build", "tc_cliff", tmp_path / "mine.yaml", "--data-root", tmp_path, "--out", tmp_path / "hours")
+    assert "UTC" not in caplog.text
+    for words in (
+        ("build", "cliff", tmp_path / "mine.yaml", "--out", out),
+        ("update", tmp_path / "s.parquet", tmp_path / "mine.yaml"),
+    ):
+        line = refused(monkeypatch, capsys, *words, "--data-root", tmp_path, "--timezone", "Asia/Tokyo")
+        assert "--timezone Asia/Tokyo" in line and "mine.yaml has a `timezone` of its own; leave it out" in line
 
 
 def test_what_cannot_be_built(folder, tmp_path, monkeypatch, capsys):
@@ -321,6 +346,10 @@ def test_hours_whose_time_zone_nobody_said_are_told(folder, tmp_path, caplog, wa
         (("cliff.parquet", "b.parquet", "--origin", "1", "1"), "it holds its site and its frame itself"),
         (("cliff.parquet", "b.xml", "--header"), "unknown key 'header'"),
         (
+            ("tc_cliff", "b", "--timezone", "Asia/Tokyo"),
+            "--timezone Asia/Tokyo: tc_cliff says of which time zone its hours are; leave it out",
+        ),
+        (
             ("cliff.parquet", "b.frob"),
             "b.frob: the name must end in .parquet, as form parquet does; `modlhmp map convert --to` writes others",
         ),
@@ -363,6 +392,12 @@ def test_maps_of_two_kinds(folder):
     text, told = said("compare", folder / "cliff.parquet", folder / "cliff.csv", "--out", "-")
     assert text.startswith("x,y,apart_m,direction,speed_m_s,p,p_theirs\n")
     assert "direction: " in told
+
+
+def test_an_hour_of_maps_without_hours_is_refused(folder, monkeypatch, capsys):
+    files = folder / "cliff.parquet", folder / "cliff.csv"
+    assert "--hour 9: neither map has hours" in refused(monkeypatch, capsys, "compare", *files, "--hour", 9)
+    said("compare", folder / "cliff.parquet", folder / "tc_cliff", "--hour", 7)
 
 
 def test_maps_that_hold_walks_are_not_compared(folder, monkeypatch, capsys):
@@ -444,6 +479,9 @@ def test_what_cannot_be_updated_is_refused(folder, tmp_path, monkeypatch, capsys
     said("update", state, folder / "tracks.parquet", "--kind", "episodes")
     assert "it is a map of kind episodes with options of its own" in refused(
         monkeypatch, capsys, "update", state, folder / "tracks.parquet", "--kind", "cliff"
+    )
+    assert "--timezone Asia/Tokyo: the map " in refused(
+        monkeypatch, capsys, "update", state, folder / "tracks.parquet", "--timezone", "Asia/Tokyo"
     )
     assert "two recordings have the same name" in refused(
         monkeypatch, capsys, "update", state, folder / "tracks.parquet", folder / "tracks.parquet"

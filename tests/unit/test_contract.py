@@ -65,6 +65,15 @@ def test_it_is_kept_whatever_the_number_of_observed_rows(name, observed_rows):
     check_kind(kinds.find(name), site=dataclasses.replace(contract.SITE, observed_rows=observed_rows))
 
 
+@pytest.mark.parametrize("name", ["lstm", "neural_map", "cvm", "cliff"])
+def test_it_is_kept_whatever_the_time_step(name):
+    """Rows 6 s apart are no gaps where that is the site's step; whoever wrote the kind is not to blame for any."""
+    walked = contract.crowd()
+    slow = walked._replace(t=6 * walked.t, speed=walked.speed / 6)
+    site = dataclasses.replace(contract.SITE, hours=None, time_step_s=6.0, horizon_s=6.0 * contract.STEPS)
+    check_kind(kinds.find(name), slow, site, **SMALL.get(name, {}))
+
+
 @pytest.mark.parametrize("name", ["MEAN_FLOW", "STANDING", "LINE"])
 def test_an_outside_package_keeps_it(monkeypatch, registered, name):
     """The three that `tests/outside/walking` registers by entry points."""

@@ -174,6 +174,24 @@ def test_a_lost_row_leaves_a_gap_and_does_not_shift_the_rest(write):
     np.testing.assert_allclose((tracks.t - ORIGIN) * RATE, [95, 99, 103, 115, 119, 123], atol=1e-5)
 
 
+@pytest.mark.parametrize("first", ["95,3,nan,200", "95,3,,200", "95,3,1e9,200", "95,3,x,200"])
+def test_a_lost_first_row_does_not_shift_the_rest(write, first):
+    """Where its frame and track can be read, they count; of the other track nothing changes."""
+    good = [f"{n + k},{track},{100 + k},200" for track, n in ((2, 50), (3, 95)) for k in range(5)]
+    tracks, account = read_rows(write("\n".join([*good[:5], first, *good[6:]])))
+    expected, _ = read_rows(write("\n".join(good), "good.csv"))
+    assert account.dropped_rows.total() == 1
+    assert tracks.t.tolist() == np.delete(expected.t, 5).tolist()
+
+
+@pytest.mark.parametrize("first", ["x,3,100,200", "95", "?"])
+def test_a_track_whose_first_frame_nobody_can_know_is_dropped_and_counted(write, first):
+    good = [f"{n + k},{track},{100 + k},200" for track, n in ((2, 50), (3, 95)) for k in range(5)]
+    tracks, account = read_rows(write("\n".join([*good[:5], first, *good[6:]])))
+    assert set(tracks.track_id) == {2} and account.dropped_tracks == {"first_row_lost": 1}
+    assert account.tracks_read == 2 and account.dropped_rows["first_row_lost"] == 4
+
+
 def test_a_repeated_frame_is_a_duplicate(write):
     tracks, account = read_rows(write("95,3,100,200\n96,3,101,200\n96,3,150,200\n97,3,102,200\n"))
     assert account.dropped_rows == {"duplicate_row": 1}

@@ -162,6 +162,8 @@ def test_maps_that_were_built(tmp_path):
         (([(0, 0), (9e9, 0)],), "are x and y in m"),
         (("here",), "path: give numbers"),
         (([(0, 0), (1, 1)], 0), "speed_m_s 0: give a number above 0"),
+        (([(0, 0), (1, 1)], "1"), "speed_m_s '1': give a number above 0"),
+        (([(0, 0), (1, 1)], [1]), r"speed_m_s \[1\]: give a number above 0"),
     ],
 )
 def test_what_is_no_path(arguments, message):

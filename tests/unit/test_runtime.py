@@ -14,7 +14,7 @@ from modlhmp.methods import Method, make_forecaster
 from modlhmp.options import ConstantVelocity, RollOut
 from modlhmp.settings import as_plain
 from modlhmp.site import Site
-from modlhmp.storage import write_parquet
+from modlhmp.storage import DataError, write_parquet
 from modlhmp.study.runtime import REPETITIONS, copied, exponent, measure, milliseconds_per_track, some_tracks
 from modlhmp.tracks import Tracks, empty_tracks, usable_tracks, write_tracks
 
@@ -100,6 +100,28 @@ def test_a_stef_map_is_measured_alike(layout):
     assert [row[0] for row in measure(task_of(layout, 20, "stef"))["growth"]["M"]] == [
         cells * copies for copies in (1, 2, 4, 8, 16)
     ]
+
+
+@pytest.mark.parametrize("kind", ["tc_cliff", "stef"])
+def test_a_map_by_hours_with_that_of_the_whole_day_grows_alike(layout, kind):
+    """Both are copied; the hours' files alone are the map's size."""
+    whole = cliff.build(people(60), HALL) if kind == "tc_cliff" else stef.build(people(60), HALL)
+    hour = whole if kind == "tc_cliff" else stef.evaluate(whole, stef.middle_of_hour(17))
+    write_parquet(hour, layout.map_hour("hall", kind, 17))
+    write_parquet(whole, Path(layout.map_hour("hall", kind, 17)).with_name("day.parquet"))
+    task = task_of(layout, 20, kind)
+    uses = Method(name=kind, kind=kind, options=replace(OPTIONS, without_map="whole_day"))
+    found, alone = measure({**task, "method": uses.plain()}), measure(task)
+    assert len(found["growth"]["M"]) == 5 and np.isfinite(found["exponents"]["M"][0])
+    assert (found["maps"], found["map_kb"]) == (alone["maps"], alone["map_kb"])
+
+
+def test_a_copy_that_cannot_be_loaded_is_an_error(layout, monkeypatch):
+    """It is none of the too large maps that end the measurement."""
+    write_parquet(cliff.build(people(60), HALL), layout.map("hall", "cliff"))
+    monkeypatch.setattr("modlhmp.study.runtime.copied", lambda table, copies: table.drop_columns(["weight"]))
+    with pytest.raises(DataError, match="not a CLiFF-map, no column weight"):
+        measure(task_of(layout, 20, "cliff"))
 
 
 def test_ways_out_are_measured_with_the_method_that_uses_them(layout):

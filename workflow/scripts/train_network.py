@@ -23,14 +23,7 @@ with job_log(snakemake.log[0]) as log:
     names = {name for own, others in params.days.items() for name in (own, *others)}
     tracks = {name: read_tracks(layout.tracks(dataset, name)) for name in sorted(names)}
     days = [
-        day_of(
-            tracks[name],
-            [tracks[other] for other in others],
-            site.observed_rows,
-            site.timezone,
-            site.time_step_s,
-            person_ids(layout.tracks(dataset, name)),
-        )
+        day_of(tracks[name], [tracks[other] for other in others], site, person_ids(layout.tracks(dataset, name)))
         for name, others in params.days.items()
     ]
     weights = Path(snakemake.output.weights)

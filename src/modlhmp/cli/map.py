@@ -27,6 +27,7 @@ from modlhmp.storage import DataError, write_text
 TABLES = (".csv", ".txt")  # endings of a table's text
 OF_BUILD = {"kind": "KIND", "tracks": "TRACKS", "site": "--timezone, or the dataset file"}
 OF_LOAD = {"path": "MAP", "form": "--form", "site": "`map convert --timezone`", "origin_m": "`map convert --origin`"}
+ANYWHERE = Site()  # of a map of which only places are looked at
 maps = typer.Typer(
     help="Build, look at, draw, convert and compare maps of dynamics.\n\n"
     "MAP is a file, a folder of hours, or - for standard input, in any of the forms of docs/maps.md: "
@@ -41,7 +42,10 @@ MapArgument = Annotated[str, typer.Argument(metavar="MAP", help="File, folder of
 FormOption = Annotated[
     str | None, typer.Option("--form", metavar="NAME", help="Form of MAP, where its content does not tell.")
 ]
-TimezoneOption = Annotated[str, typer.Option(metavar="NAME", help="Time zone of the place, for maps by hours.")]
+TimezoneOption = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Time zone of the place, for maps by hours [default: UTC, with a warning]"),
+]
 HoursZoneOption = Annotated[
     str | None,
     typer.Option("--timezone", metavar="NAME", help="Time zone of MAP's hours [default: UTC, with a warning]"),
@@ -59,7 +63,7 @@ def build(
     ],
     options: SetOption = None,
     data_root: DataRoot = DATA_ROOT,
-    timezone: TimezoneOption = "UTC",
+    timezone: TimezoneOption = None,
 ) -> None:
     """Build a map from tracks: of a dataset file, the training recordings.
 
@@ -70,7 +74,9 @@ def build(
     modlhmp map build tc_cliff results/real/atc/tracks/monday.parquet --timezone Asia/Tokyo --out hours
     """
     check_name("--out", kind, out)
+    site: Site | None = None
     if is_dataset(tracks):
+        check_zone(timezone, tracks)
         from modlhmp.arguments import site_from  # noqa: PLC0415 - only this needs a dataset file
         from modlhmp.datasets import load_dataset  # noqa: PLC0415
         from modlhmp.settings import as_plain  # noqa: PLC0415
@@ -81,7 +87,7 @@ def build(
         from modlhmp.arguments import site_of_tracks  # noqa: PLC0415
 
         walked = api.read_tracks(tracks)
-        site = site_of_tracks(str(tracks), walked, timezone=timezone)
+        site = None if timezone is None else site_of_tracks(str(tracks), walked, timezone=timezone)
     else:
         raise DataError(f"{tracks}: describe it first: modlhmp inspect {tracks} > {tracks.stem}.yaml")
     made = api.build_map(kind, walked, site, **named_values(options, OF_BUILD))
@@ -145,7 +151,7 @@ def plot(
     modlhmp map plot hours --hour 18 --out evening.png
     """
     check_file("--out", out, *sorted(pictures.FORMATS))
-    loaded = _load(a_map, form, Site(), None, options)
+    loaded = _load(a_map, form, ANYWHERE, None, options)
     name, table = _at_hour(loaded, hour)
     of = [Path(a_map).name, loaded.kind, *([name] if loaded.hours else [])]
     pictures.draw_map(loaded.kind, table, out, ", ".join(of), floor_plan)
@@ -216,7 +222,9 @@ def compare(
     """
     if out not in (None, STREAM):
         check_file("--out", out, *TABLES)
-    loaded = [_load(path, its, Site(), None, None) for path, its in ((ours, form), (theirs, other_form))]
+    loaded = [_load(path, its, ANYWHERE, None, None) for path, its in ((ours, form), (theirs, other_form))]
+    if hour is not None and not any(one.hours for one in loaded):
+        raise DataError(f"--hour {hour}: neither map has hours; leave it out")
     shared = [one for one in loaded[0].hours if one in loaded[1].hours]
     hour = shared[0] if hour is None and shared else hour
     named = [_at_hour(one, hour if one.hours else None) for one in loaded]
@@ -243,10 +251,12 @@ def compare(
 
 
 def _load(path: str, form: str | None, site: Site | None, origin: tuple[float, float] | None, options: Any) -> api.Map:
-    """The map at a path, or of standard input."""
+    """The map at a path, or of standard input; `site` is what was said of its place, `ANYWHERE` if no matter."""
     how = named_values(options, OF_LOAD)
     if path != STREAM:
         ours = exchange.is_parquet(path, form)
+        if ours and site is not None and site is not ANYWHERE:
+            raise DataError(f"--timezone {site.timezone}: {path} says of which time zone its hours are; leave it out")
         return api.load_map(path, form, site=None if ours else site, origin_m=origin, **how)
     source = read_source("standard input", sys.stdin.buffer, exchange.origin_of(origin))
     found = form or recognise(source)
@@ -258,6 +268,12 @@ def _load(path: str, form: str | None, site: Site | None, origin: tuple[float, f
 
 def _site(timezone: str | None) -> Site | None:
     return None if timezone is None else Site(timezone=timezone)
+
+
+def check_zone(timezone: str | None, dataset: Path) -> None:
+    """`DataError` where a time zone is said beside a dataset file."""
+    if timezone is not None:
+        raise DataError(f"--timezone {timezone}: {dataset} has a `timezone` of its own; leave it out, or correct that")
 
 
 def check_name(option: str, kind: str, path: Path, to: str = PARQUET) -> None:

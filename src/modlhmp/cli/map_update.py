@@ -9,8 +9,9 @@ from modlhmp import api
 from modlhmp.arguments import site_from, site_of_tracks
 from modlhmp.cli.app import DATA_ROOT, DataRoot, SetOption
 from modlhmp.cli.inputs import check_file, is_dataset, named_values
-from modlhmp.cli.map import TimezoneOption, _say, _summary, check_name, maps
+from modlhmp.cli.map import TimezoneOption, _say, _summary, check_name, check_zone, maps
 from modlhmp.datasets import load_dataset
+from modlhmp.exchange.maps import tell_of_zone
 from modlhmp.kinds import find
 from modlhmp.recordings import clean
 from modlhmp.settings import as_plain
@@ -44,7 +45,7 @@ def update(
     ] = None,
     options: SetOption = None,
     data_root: DataRoot = DATA_ROOT,
-    timezone: TimezoneOption = "UTC",
+    timezone: TimezoneOption = None,
 ) -> None:
     """Keep a map up to date: add tracks, merge maps, remove days, and write it out for forecasts.
 
@@ -63,12 +64,20 @@ def update(
     kept = UpdatedMap.load(state) if state.exists() else None
     if kept and (kind not in (None, kept.kind) or options):
         raise DataError(f"{state}: it is a map of kind {kept.kind} with options of its own; leave --kind and --set out")
+    if kept and timezone not in (None, kept.site.timezone):
+        raise DataError(f"--timezone {timezone}: the map {state} is of {kept.site.timezone}; leave it out")
+    if tracks and all(map(is_dataset, tracks)) and not kept:
+        check_zone(timezone, tracks[0])
     if out is not None:
         check_name("--out", kept.kind if kept else kind or "cliff", out)
-    walked = [one for file in tracks or [] for one in _recordings(file, data_root, kept.site if kept else timezone)]
+    walked = [
+        one for file in tracks or [] for one in _recordings(file, data_root, kept.site if kept else timezone or "UTC")
+    ]
     if len({name for name, _, _ in walked}) < len(walked):
         raise DataError("two recordings have the same name, by which their persons are known: rename a file")
-    site = walked[0][2] if walked else Site(timezone=timezone)
+    site = walked[0][2] if walked else Site(timezone=timezone or "UTC")
+    if not kept and timezone is None and find(kind or "cliff").hourly and not all(map(is_dataset, tracks or [])):
+        tell_of_zone(state, "update")
     kept = kept or UpdatedMap(kind or "cliff", site, **named_values(options, HERE))
     for day in remove_day or []:
         _say(f"{state}: {kept.remove(day=day)} rows of {day} removed")

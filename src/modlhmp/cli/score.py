@@ -1,6 +1,7 @@
 """`modlhmp score`."""
 
 import csv
+import dataclasses
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -23,16 +24,17 @@ def score(
         str, typer.Option(metavar="FILE", help="What people did: their whole tracks; of a hand-in the dataset file.")
     ],
     path: Annotated[
-        Literal["likeliest", "mean", "geometric_median"],
-        typer.Option(help="How one path comes out of several samples; a hand-in says it itself."),
-    ] = "likeliest",
+        Literal["likeliest", "mean", "geometric_median"] | None,
+        typer.Option(help="How one path comes out of several samples; a hand-in says it itself [default: likeliest]"),
+    ] = None,
     time_step: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="Of the forecasts, where their file does not say it.")
     ] = None,
     data_root: DataRoot = DATA_ROOT,
     split: Annotated[
-        Literal["test", "validation", "train"], typer.Option(help="Of the dataset file: what was exported.")
-    ] = "test",
+        Literal["test", "validation", "train"] | None,
+        typer.Option(help="Of a hand-in: what of the dataset file was exported [default: test]"),
+    ] = None,
 ) -> None:
     """Score forecasts against what people did, under both protocols, or check a hand-in before a run.
 
@@ -52,14 +54,21 @@ def score(
                 f"--tracks {tracks}: {forecasts} is a folder, so a hand-in: give the dataset file that its task was "
                 "exported from (.yaml)"
             )
+        for option, value in (("--path", path), ("--time-step", time_step)):
+            if value is not None:
+                raise DataError(f"{option} {value}: the hand-in {forecasts} says that itself; leave it out")
         from modlhmp.tasks import Row, score_hand_in  # noqa: PLC0415 - other commands need none of it
 
-        handed, rows = score_hand_in(forecasts, tracks, data_root, split)
+        handed, rows = score_hand_in(forecasts, tracks, data_root, split or "test")
         typer.echo(handed.coverage(), err=True)
         writer.writerow(Row._fields)
         writer.writerows((*row[:2], *(f"{one:.6g}" for one in row[2:])) for row in rows)
         return
-    scored = list(_scores(forecasts, tracks, path, time_step, data_root))
+    if split is not None:
+        raise DataError(
+            f"--split {split}: of a hand-in, a folder; {forecasts} is scored against all tracks: leave it out"
+        )
+    scored = list(_scores(forecasts, tracks, path or "likeliest", time_step, data_root))
     writer.writerow(("protocol", "output", "horizon_s", "ade_m", "fde_m", "n", "eligible"))
     for protocol, output, horizon_s, found in scored:
         numbers = (horizon_s, found["ade_m"], found["fde_m"], found["n"], found["eligible"])
@@ -108,7 +117,7 @@ def _scores(forecasts: str, tracks: str, path: Any, time_step_s: float | None, d
             "nothing to score; forecast an earlier moment, `modlhmp forecast --at SECONDS`, or give tracks that go on"
         )
     steps = int(samples.steps.max())
-    site = modlhmp.Site(time_step_s=time_step_s, horizon_s=steps * time_step_s)
+    site = dataclasses.replace(site, time_step_s=time_step_s, horizon_s=steps * time_step_s)
     forecast = forecast_of(samples, np.arange(len(start)), start, steps, path)
     futures = modlhmp.Futures(samples.track_id, samples.t0, start, forecast, site)
     for protocol in PROTOCOLS:

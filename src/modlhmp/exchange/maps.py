@@ -122,15 +122,15 @@ def _read_tables(
     if kind == "stef" and whole is not None:
         whole = stef_forms.constant(whole)
     if tables and site is None:
-        _tell_of_zone(path)
+        tell_of_zone(path)
     return kind, whole, {hour: tables[hour] for hour in sorted(tables)}  # type: ignore[type-var, misc]
 
 
-def _tell_of_zone(where: object) -> None:
-    """No foreign form says of which time zone its hours are."""
+def tell_of_zone(where: object, verb: str = "convert") -> None:
+    """Neither tracks nor a foreign form say of which time zone their hours are; `verb` of `modlhmp map` takes it."""
     _LOG.warning(
         "%s: its hours are taken for those of UTC; say whose they are: site=modlhmp.Site(timezone=...), or "
-        "`modlhmp map convert --timezone NAME`", where,
+        "`modlhmp map %s --timezone NAME`", where, verb,
     )  # fmt: skip
 
 
@@ -139,7 +139,7 @@ def read_one(source: Source, form: str, site: Site | None, how: Mapping[str, Any
     record = find_form(form)
     if site is None:
         if record.read is None:
-            _tell_of_zone(source.name)
+            tell_of_zone(source.name)
         site = Site()
     if record.read is None:
         details: Any = check(record.reading, dict(how), f"{source.name}, form {form}")

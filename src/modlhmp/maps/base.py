@@ -27,6 +27,10 @@ EDGE_M = 5.0  # how far beyond a map's places a walker is still near it
 Sampled = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # speed, heading, log fitness, found; [n] each
 
 
+class TooWideError(DataError):
+    """A map spans more nodes than `MAX_LATTICE`."""
+
+
 class Mod(Protocol):
     """A map of dynamics that is sampled, as described above."""
 
@@ -149,9 +153,9 @@ def lattice_box(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_lattice(number: int, shape: Sequence[int] | np.ndarray) -> None:
-    """Raise `DataError` if `number` locations spread over a box of so many nodes that some must be far away."""
+    """`TooWideError` if `number` locations spread over a box of so many nodes that some must be far away."""
     if np.prod(np.asarray(shape, float)) > MAX_LATTICE:
-        raise DataError(
+        raise TooWideError(
             f"a map of {number} locations spans {shape[0]} x {shape[1]} of them: some recorded positions are far away; "
             "look for them in the clean tracks, and at the units and `scale` of the dataset file"
         )

@@ -13,6 +13,7 @@ import numpy as np
 from modlhmp.forecasting.neighbours import find_neighbours
 from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.scoring.errors import ground_truth
+from modlhmp.site import Site
 from modlhmp.storage import DataError
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import (
@@ -257,20 +258,13 @@ def _began(day):
     return first[whose]
 
 
-def day_of(
-    own: Tracks,
-    others: Iterable[Tracks],
-    observed_rows: int,
-    timezone: str = "UTC",
-    step_s: float = 1.0,
-    pieces: Mapping[int, int] | None = None,
-) -> Day:
+def day_of(own: Tracks, others: Iterable[Tracks], site: Site, pieces: Mapping[int, int] | None = None) -> Day:
     """A `Day` of the tracks of one recording, with those of other recordings of that day as neighbours.
 
-    `step_s` is the time step of the tracks, `pieces` the recording's `person_ids`.
+    `pieces` are the recording's `person_ids`.
     """
-    tracks, rows = together([own, *others]), usable_tracks(own, observed_rows, step_s)
-    day, whole = Day(tracks, rows, timezone), whole_ids(own.track_id[rows[:, 0]], pieces or {})
+    tracks, rows = together([own, *others]), usable_tracks(own, site.observed_rows, site.time_step_s)
+    day, whole = Day(tracks, rows, site.timezone), whole_ids(own.track_id[rows[:, 0]], pieces or {})
     _, first, whose = np.unique(whole, return_index=True, return_inverse=True)
     ids = day.persons()
     return day._replace(pieces=dict(zip(ids.tolist(), ids[first][whose].tolist(), strict=True)) if pieces else {})

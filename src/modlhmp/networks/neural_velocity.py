@@ -65,7 +65,7 @@ def _said(of, site, building):
     said = {}
     for when in (None, *of.wanted):
         clock = net.clock_of(np.full(len(places), 12.0 if when is None else when + 0.5))
-        with torch.no_grad():
+        with torch.no_grad(), net.one_thread():
             mixture = network(*at, torch.from_numpy(clock * (when is not None)))
         said[when] = _components(*(part.double().numpy() for part in mixture))
     return said

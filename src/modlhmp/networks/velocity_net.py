@@ -5,6 +5,8 @@ Its density is that of the table it is written to (`networks.neural_velocity`): 
 """
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -130,13 +132,24 @@ def log_density(mixture: Mixture, rows: Rows) -> Tensor:
     return torch.logaddexp(flow + own, rows.background + other)
 
 
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Sums in one order: the same numbers to the last bit on any number of cores."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+@one_thread()
 @flushing()
 def train(rows: Rows, person: np.ndarray, nodes: int, sizes: dict[str, int], epochs: int, seed: int) -> VelocityNet:
     """The network after the epoch that was best on held-out persons, of whom `person` [n] are the numbers.
 
     One thread, and random numbers of its own: the same rows give the same network to the last bit.
     """
-    torch.set_num_threads(1)
     persons = np.unique(person)
     held = np.random.default_rng(seed).permutation(persons)[: max(round(HELD_OUT * len(persons)), 1)]
     other = torch.from_numpy(np.isin(person, held))

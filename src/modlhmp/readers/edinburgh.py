@@ -5,12 +5,15 @@ Positions are pixels (y downwards), times are capture frames, about 9 per second
 """
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from modlhmp.account import Account
 from modlhmp.ids import MOST_PEOPLE
+from modlhmp.readers.columns import read_columns
 from modlhmp.readers.delimited import MAX_DISTANCE_M, read_delimited
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError
@@ -40,13 +43,40 @@ def read_rows(
     """Read a day of rows `frame, track_id, x, y`, each `row_stride` raw frames after the one before.
 
     The frame column is the track's first raw frame plus the row number, so the true time of a row is
-    (first frame + row_stride * rows since) / frame_rate seconds after `origin` (unix time of frame 0).
+    (first frame + row_stride * rows since) / frame_rate seconds after `origin` (unix time of frame 0). A first row that
+    is dropped counts as such if its frame and track can be read. Where the line before a track's first row cannot, it
+    may have been its first, so the track has no time: it is dropped (`first_row_lost`).
     """
     layout = {**ROWS_LAYOUT, "frame_rate": frame_rate, "scale": scale, "origin": origin}
     tracks, account = read_delimited(path, layout, day)
-    starts = tracks.bounds()[:-1]
-    first = np.repeat(tracks.t[starts], np.diff(tracks.bounds())) if len(starts) else tracks.t
-    return tracks._replace(t=first + row_stride * (tracks.t - first)), account
+    ids, first, in_doubt = _first_times(path, layout, day)
+    whose = np.searchsorted(ids, tracks.track_id)
+    first, lost = first[whose], in_doubt[whose]
+    tracks = tracks._replace(t=first + row_stride * (tracks.t - first))
+    if lost.any():
+        account.tracks_read = len(tracks.bounds()) - 1
+        account.drop_tracks("first_row_lost", len(np.unique(whose[lost])), int(lost.sum()))
+        tracks = tracks.take(~lost)
+    return tracks, account
+
+
+def _first_times(
+    path: str | Path, layout: Mapping[str, Any], day: tuple[float, float] | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Tracks of a day of rows, sorted; when each begins by its frame [unix s]; whether the line before is no row."""
+    account = Account()
+    parts = list(read_columns(path, {**layout, "columns": {"t": 0, "track_id": 1}}, account, {}))
+    track, frame, row = (np.concatenate([part[name] for part in parts]) for name in ("track_id", "t", "row"))
+    t = frame * (1.0 / layout["frame_rate"]) + layout["origin"]
+    low, high = day or (-np.inf, np.inf)
+    known = np.isfinite(t) & (t >= low) & (t < high)
+    unread = np.ones(account.rows_read + 1, bool)  # by line, from 1
+    unread[row[known]] = unread[0] = False
+    unread &= account.dropped_rows["blank_line"] < unread.sum()
+    order = np.lexsort((t[known], track[known]))
+    ids, starts = np.unique(track[known][order], return_index=True)
+    begins = order[starts]
+    return ids, t[known][begins], unread[row[known][begins] - 1]
 
 
 def read_raw(path: str | Path, frame_rate: float, scale: float, origin: float) -> tuple[Tracks, Account]:

@@ -24,7 +24,7 @@ from modlhmp.forecasting.observe import Observed, observe
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.forecasting.windows import usable
 from modlhmp.kinds import find
-from modlhmp.maps.base import hour_files
+from modlhmp.maps.base import TooWideError, day_file, hour_files
 from modlhmp.maps.exits import with_exits
 from modlhmp.methods import Method, load_map
 from modlhmp.settings import build
@@ -74,7 +74,7 @@ def measure(task: Mapping[str, Any]) -> dict[str, Any]:
     single = [_take(observed, [row]) for row in range(min(n, LATENCY_TRACKS))]
     forecast(single[0])
     latency = [_seconds(functools.partial(forecast, one)) for one in single]
-    files = list(_map_files(path).values())
+    files = _map_files(path)
     growth = {
         **_growth(forecast, observed, reference, steps),
         "M": list(_with_copies(path, load, forecast, observed, reference)),
@@ -84,7 +84,7 @@ def measure(task: Mapping[str, Any]) -> dict[str, Any]:
         "seconds_per_track": seconds[0] / n, "seconds_per_track_range": [s / n for s in seconds[1:]],
         "latency_s": float(np.median(latency)), "latency_90th_s": float(np.percentile(latency, 90)),
         "memory_mb": memory_mb, "memory_of_imports_mb": at_start_mb,
-        "map_kb": float(np.mean([Path(file).stat().st_size for file in files])) / 1000, "maps": len(files),
+        "map_kb": float(np.mean([file.stat().st_size for file in files])) / 1000, "maps": len(files),
         "growth": growth,
         "exponents": {size: exponent([row[0] for row in rows], [row[1] for row in rows])
                       for size, rows in growth.items()},
@@ -173,16 +173,17 @@ def _with_copies(
     reference: Forecast,
 ) -> Iterator[list[float]]:
     """Yield [number of locations, seconds] with larger maps, up to the largest lattice; forecasts must be the same."""
-    tables = {hour: read_parquet(file) for hour, file in _map_files(path).items()}
-    locations = np.mean([_locations(table) for table in tables.values()])
+    files = _map_files(path)
+    tables = {file.relative_to(path): read_parquet(file) for file in (*files, *filter(None, [day_file(path)]))}
+    locations = np.mean([_locations(tables[file.relative_to(path)]) for file in files])
     for copies in COPIES:
         with tempfile.TemporaryDirectory() as folder:
             larger = Path(folder, "map")
-            for hour, table in tables.items():
-                write_parquet(copied(table, copies), larger if hour is None else larger / f"{hour:02d}.parquet")
+            for name, table in tables.items():
+                write_parquet(copied(table, copies), larger / name)
             try:
                 mod = load(larger)
-            except DataError:  # such a map exceeds the limit on size
+            except TooWideError:
                 return
         if not np.array_equal(forecast(observed, mod=mod).xy, reference.xy):
             raise RuntimeError("a map with locations out of reach gave other forecasts")
@@ -215,9 +216,9 @@ def _take(observed: Observed, rows: Any) -> Observed:
     return Observed(*(part[rows] for part in observed))
 
 
-def _map_files(path: str) -> dict[int | None, Path]:
-    """{hour: file} of a map: None for one that is a file, else those hours that have one."""
-    return dict(hour_files(path).items()) if Path(path).is_dir() else {None: Path(path)}
+def _map_files(path: str) -> list[Path]:
+    """The file of a map, or those of its hours; without that of the whole day, which stands in for hours that lack."""
+    return list(hour_files(path).values()) if Path(path).is_dir() else [Path(path)]
 
 
 def _seconds(call: Callable[[], Any]) -> float:
