@@ -192,6 +192,13 @@ def test_a_track_whose_first_frame_nobody_can_know_is_dropped_and_counted(write,
     assert account.tracks_read == 2 and account.dropped_rows["first_row_lost"] == 4
 
 
+def test_a_row_of_another_day_is_no_lost_first_row(write):
+    lines = [f"{95 + k},{track},{100 + k},200" for track in (3, 2) for k in range(-1, 5)]
+    file = write("\n".join([*lines[:6], "900,3,106,200", *lines[6:]]))
+    tracks, account = read_rows(file, day=(ORIGIN + 95 / RATE - 0.01, ORIGIN + 90))
+    assert set(tracks.track_id) == {2, 3} and account.dropped_rows == {"outside_day": 3}
+
+
 def test_a_repeated_frame_is_a_duplicate(write):
     tracks, account = read_rows(write("95,3,100,200\n96,3,101,200\n96,3,150,200\n97,3,102,200\n"))
     assert account.dropped_rows == {"duplicate_row": 1}

@@ -69,10 +69,11 @@ def _first_times(
     track, frame, row = (np.concatenate([part[name] for part in parts]) for name in ("track_id", "t", "row"))
     t = frame * (1.0 / layout["frame_rate"]) + layout["origin"]
     low, high = day or (-np.inf, np.inf)
-    known = np.isfinite(t) & (t >= low) & (t < high)
+    known = np.isfinite(t)
     unread = np.ones(account.rows_read + 1, bool)  # by line, from 1
     unread[row[known]] = unread[0] = False
     unread &= account.dropped_rows["blank_line"] < unread.sum()
+    known &= (t >= low) & (t < high)
     order = np.lexsort((t[known], track[known]))
     ids, starts = np.unique(track[known][order], return_index=True)
     begins = order[starts]
