@@ -180,9 +180,8 @@ def build_map(kind: str, tracks: Tracks, site: Site | None = None, **building: A
     """Build a kind of map from tracks: `cliff`, `stef`, `episodes`, `snippets`, `pooled` ..., or of another package.
 
     `site` gives the time zone and the time step (default: UTC, with a warning for a kind by hours, and the step of the
-    tracks); `building` are the kind's
-    own options, such as `resolution_m=0.5` (`modlhmp kinds NAME` lists them). `DataError` for a wrong kind or option,
-    or tracks whose rows are not a time step apart.
+    tracks); `building` are the kind's own options, such as `resolution_m=0.5` (`modlhmp kinds NAME` lists them).
+    `DataError` for a wrong kind or option, or tracks whose rows are not a time step apart.
     """
     if not isinstance(kind, str):
         given = type(kind).__name__
