@@ -28,6 +28,7 @@ NETWORK = (
 SHORT = 2.0**24  # a float32 holds no larger time to the second
 FASTEST_M_S = 100.0  # a recorded speed beyond is in another unit
 USUAL_M_S = 10.0  # of half of all steps: nobody walks so
+STANDING_M_S = 0.3  # recorded speeds up to here may come without a heading: a reader's `min_heading_mps` is less
 START_M = 1.0  # what a history may differ from the truth at t0
 STEPS_APART = (0.8, 1.25)  # of rows that need no resampling, in time steps
 EVEN, OFF_GRID = 0.9, 0.2  # of the rows are so near, in time steps, to a whole number of them, or these are in doubt
@@ -209,12 +210,23 @@ def last_rows(history: Tracks | np.ndarray, site: Site, recorded: bool = False) 
     nowhere = ~(np.isfinite(tracks.x[rows]) & np.isfinite(tracks.y[rows])).all(axis=1)
     if nowhere.any():
         raise DataError(f"history: walker {whose[nowhere][0]}: a position in {last} is not a number")
-    if recorded and not (np.isfinite(tracks.speed[rows]) & np.isfinite(tracks.heading[rows])).all():
-        raise DataError(
-            "history: the site's velocity is as_recorded, but rows lack speeds or headings; use velocity='differences'"
-        )
+    if recorded:
+        _check_recorded(whose, tracks.speed[rows[:, :-1]], tracks.heading[rows[:, :-1]])
     nobody = np.empty((len(rows), 0, seen, 2))
     return Observed(whose, *(column[rows] for column in tracks[1:]), nobody)  # type: ignore[call-arg]
+
+
+def _check_recorded(whose, speed, heading):
+    """Whether the rows before t0 say how fast and which way each walker goes; who stands has no heading."""
+    fastest = np.where(np.isfinite(speed), speed, -np.inf).max(axis=1)
+    lost = ~np.isfinite(heading).any(axis=1) & (fastest > STANDING_M_S)
+    for lacking, what in ((fastest < 0, "speed"), (lost, f"heading, though faster than {STANDING_M_S:g} m/s")):
+        if lacking.any():
+            raise DataError(
+                f"history: the site's velocity is as_recorded, but no row of walker {whose[lacking][0]} before t0 has "
+                f"a {what} ({lacking.sum()} of {len(whose)} walkers); leave such walkers out, or use "
+                "velocity='differences'"
+            )
 
 
 def tracks_of(history: Tracks | np.ndarray) -> Tracks:

@@ -552,7 +552,7 @@ STRAIGHT = np.column_stack([np.arange(4.0), 1.2 * np.arange(4), np.zeros(4)])
         (("snippets", STRAIGHT), {}, "give a Map"),
         (("cwm", STRAIGHT), {}, "did you mean 'cvm'"),
         ((3, STRAIGHT), {}, "give a Map"),
-        (("cvm", STRAIGHT), {"site": Site(velocity="as_recorded")}, "rows lack speeds"),
+        (("cvm", STRAIGHT), {"site": Site(velocity="as_recorded")}, "no row of walker 0 before t0 has a speed"),
     ],
 )
 def test_a_forecast_that_cannot_be_made(arguments, named, message):
@@ -569,6 +569,25 @@ def test_positions_are_enough_where_no_recorded_velocity_is_used(kind, options):
     np.testing.assert_array_equal(ours.paths, theirs.paths)
     if kind == "cliff":
         refused("use velocity='differences'", modlhmp.forecast, a_map, bare)
+
+
+def test_who_stands_has_no_heading_and_is_forecast_as_in_the_workflow():
+    """Nor counts the row at t0, or one that lacks its velocity beside others that have theirs."""
+    site = dataclasses.replace(SITE, velocity="as_recorded")
+    speed, heading, row = PEOPLE.speed.copy(), PEOPLE.heading.copy(), PEOPLE.bounds()[:-1]
+    stands = row[3] + np.arange(4)
+    speed[stands], heading[stands] = 0.02, np.nan
+    speed[row[5] + 3] = heading[row[5] + 3] = heading[row[6] + 2] = np.nan
+    people = PEOPLE._replace(speed=speed, heading=heading)
+    a_map = modlhmp.build_map("cliff", people, site)
+    forecaster = make_forecaster("cvm", find("cvm").options(), site, None)
+    ((_, _, expected),) = forecast_recording(people, forecaster, site, ("h", "cvm", "day"), 1, [0])
+    np.testing.assert_array_equal(modlhmp.forecast("cvm", seen(people), site=site).paths, expected.xy)
+    assert len(modlhmp.forecast(a_map, seen(people), k=2).t0) == 80
+    speed[stands] = 1.0
+    refused("no row of walker 3 before t0 has a heading, though", modlhmp.forecast, a_map, seen(people))
+    speed[stands] = np.nan
+    refused("no row of walker 3 before t0 has a speed .1 of 80", modlhmp.forecast, a_map, seen(people))
 
 
 def test_ways_out(maps):
