@@ -706,6 +706,38 @@ def test_tracks_as_trajnet_lines_are_read_as_they_were(tmp_path, task):
     np.testing.assert_allclose(np.column_stack([read.x, read.y]), np.column_stack([whole.x, whole.y]), atol=1e-9)
 
 
+def lines_of(file):
+    """Frame, person, x and y of every position of a file of TrajNet++."""
+    lines = [json.loads(line) for line in file.read_text().splitlines()]
+    return pd.DataFrame([line["track"] for line in lines if "track" in line])
+
+
+def test_trajnet_lines_are_at_whole_steps_of_each_track(tmp_path, task):
+    """A track half a step off, with a row that is missing and a last one that is early; and one with a long gap."""
+    t = np.array([0.0, 1, 2, 0.5, 1.5, 3.5, 4.5, 5.1, 0, 1, 21, 22])
+    who = np.repeat([0, 1, 2], [3, 5, 4])
+    unknown = np.full(12, np.nan)
+    write_task(task, tmp_path, "ndjson", training=[Tracks(who, 1.3e9 + t, 1.0 * t, 0.0 * t, unknown, unknown)])
+    found = lines_of(tmp_path / "training.ndjson")
+    assert not found.duplicated(["p", "f"]).any()
+    second, third = (found[found["p"] == one] for one in (1, 2))
+    assert second["f"].diff().dropna().eq(1).all()
+    np.testing.assert_allclose(second["x"], [0.5, 1.5, 2.5, 3.5, 4.5], atol=1e-6)
+    assert third["f"].tolist() == [0, 1, 21, 22]
+
+
+def test_observed_trajnet_lines_are_at_whole_steps(tmp_path):
+    """A row is missing, which is no run: everyone walks at 1 m/s, and is where they are at t0."""
+    t = np.array([0.0, 1, 3, 4, 5, 6, 7])
+    unknown = np.full(7, np.nan)
+    walk = Tracks(np.zeros(7, int), 1.3e9 + t, 1.0 * t, 0.0 * t, unknown, unknown)
+    one = task_of({"monday": walk})
+    write_task(one, tmp_path, "ndjson")
+    found = lines_of(tmp_path / "observations.ndjson")
+    assert found["f"].tolist() == list(range(SEEN)) and one.observed.x[0, -1] == found["x"].iloc[-1]
+    np.testing.assert_allclose(found["x"].diff().dropna(), 1, atol=1e-6)
+
+
 @pytest.mark.real
 def test_a_real_recording_with_another_time_step(real_data, load_shipped, tmp_path):
     """ETH's hotel, 12 steps of 0.4 s: every track once, our own forecasts back to the bit."""

@@ -19,7 +19,7 @@ from modlhmp.exchange.columns import write_columns
 from modlhmp.exchange.tracks import tracks_table
 from modlhmp.exchange.trajnet import scene_line, track_lines, tracks_as_lines, write_lines
 from modlhmp.forecasting.neighbours import find_neighbours
-from modlhmp.forecasting.observe import Observed, observe
+from modlhmp.forecasting.observe import Observed, at_whole_steps, observe
 from modlhmp.forecasting.windows import windows
 from modlhmp.scenes import Scenes
 from modlhmp.settings import as_plain
@@ -187,15 +187,15 @@ def neighbours(task: Task) -> pa.Table:
 
 
 def _scenes(task: Task) -> Iterator[str]:
-    """Scenes with the observed positions of task n as those of person n; neighbours are numbered after all tasks."""
+    """Scenes with the positions of task n at whole time steps as those of person n; neighbours come after all tasks."""
     seen, step_s = task.observed, task.about["time_step_s"]
+    own = at_whole_steps(seen, step_s)
     rows = seen.t.shape[1]
     length, other = rows + task.about["steps"], len(seen.track_id)
     for number in seen.track_id.tolist():
         yield scene_line(number, number, number * length, (number + 1) * length - 1, step_s)
     for number in seen.track_id.tolist():
-        own = np.column_stack([seen.x[number], seen.y[number]])
-        yield from track_lines(number, number * length, own)
+        yield from track_lines(number, number * length, own[number])
         for xy in seen.neighbours[number]:
             if np.isfinite(xy).any():
                 yield from track_lines(other, number * length, xy)

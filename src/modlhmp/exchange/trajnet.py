@@ -22,7 +22,7 @@ from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.ranking import best_first
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError, write_text
-from modlhmp.tracks import Tracks
+from modlhmp.tracks import LATE_STEPS, Tracks, gap_limit, positions_at
 
 MOST_SCENES = 1 << 31  # whose frames are whole numbers that a float holds
 FIELDS = ("f", "p", "x", "y", "prediction_number", "scene_id")
@@ -47,14 +47,22 @@ def track_lines(person: int, first: int, xy: np.ndarray, **of_prediction: int) -
 
 
 def tracks_as_lines(tracks: Tracks, step_s: float) -> Iterator[str]:
-    """Whole tracks, a scene each; a frame is a time step from the first row of all, so times are rounded to these."""
-    if not len(tracks.t):
-        return
-    frames = np.rint((tracks.t - tracks.t.min()) / step_s).astype(int).tolist()
-    for number, (begin, end) in enumerate(itertools.pairwise(tracks.bounds().tolist())):
-        yield scene_line(number, int(tracks.track_id[begin]), frames[begin], frames[end - 1], step_s)
-    for frame, person, x, y in zip(frames, tracks.track_id.tolist(), tracks.x.tolist(), tracks.y.tolist(), strict=True):
-        yield json.dumps({"track": {"f": frame, "p": person, "x": x, "y": y}})
+    """Whole tracks, a scene each, at whole time steps from their own first rows, whose frames are rounded from t.
+
+    So everybody has one position in a frame and walks at their own speed. Gaps that nobody interpolates stay.
+    """
+    people, began = list[tuple[int, int, np.ndarray]](), tracks.t.min(initial=np.inf)
+    for begin, end in itertools.pairwise(tracks.bounds().tolist()):
+        since = tracks.t[begin:end] - tracks.t[begin]
+        when = step_s * np.arange(int(since[-1] / step_s + LATE_STEPS) + 1)
+        xy = positions_at(tracks, np.array([[begin, end - 1]]), when[None])[0]
+        for gap in np.flatnonzero(np.diff(since) > gap_limit(step_s)):
+            xy[(when > since[gap] + LATE_STEPS * step_s) & (when < since[gap + 1] - LATE_STEPS * step_s)] = np.nan
+        people.append((int(tracks.track_id[begin]), round((tracks.t[begin] - began) / step_s), xy))
+    for number, (person, first, xy) in enumerate(people):
+        yield scene_line(number, person, first, first + len(xy) - 1, step_s)
+    for person, first, xy in people:
+        yield from track_lines(person, first, xy)
 
 
 def predictions_as_lines(

@@ -10,7 +10,7 @@ import numpy as np
 
 from modlhmp.maps.pieces import vector_mean
 from modlhmp.site import Site
-from modlhmp.tracks import Tracks
+from modlhmp.tracks import Tracks, positions_at
 
 SIGMA_STEPS = 1.5
 
@@ -36,6 +36,15 @@ def observe(tracks: Tracks, rows: np.ndarray, observed_rows: int = 4) -> Observe
     seen = rows[:, :1] + np.arange(observed_rows)
     nobody = np.empty((len(rows), 0, observed_rows, 2))
     return Observed(tracks.track_id[rows[:, 0]], *(column[seen] for column in tracks[1:]), nobody)  # type: ignore[call-arg]
+
+
+def at_whole_steps(observed: Observed, step_s: float) -> np.ndarray:
+    """Positions [n, rows, 2] at t0 and whole time steps before it, from what is observed."""
+    n, seen = observed.t.shape
+    rows = np.arange(n)[:, None] * seen + [0, seen - 1]
+    flat = Tracks(np.repeat(observed.track_id, seen), *(column.ravel() for column in observed[1:6]))
+    when = (observed.t[:, -1:] - observed.t[:, :1]) - step_s * np.arange(seen - 1, -1, -1)
+    return positions_at(flat, rows, when)
 
 
 def observation_weights(steps: int) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from modlhmp.forecasting.neighbours import find_neighbours
-from modlhmp.forecasting.observe import Observed, observe
+from modlhmp.forecasting.observe import Observed, at_whole_steps, observe
 from modlhmp.scoring.errors import ground_truth
 from modlhmp.site import Site
 from modlhmp.storage import DataError
@@ -75,11 +75,7 @@ class Day(NamedTuple):
 
 def observed_scene(observed: Observed, step_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """`past` and `past_present` of `Scenes` from an `Observed` with neighbours, and the origins [n, 2] in m."""
-    n, seen = observed.t.shape
-    rows = np.arange(n)[:, None] * seen + [0, seen - 1]
-    flat = Tracks(np.repeat(observed.track_id, seen), *(column.ravel() for column in observed[1:6]))
-    when = (observed.t[:, -1:] - observed.t[:, :1]) - step_s * np.arange(seen - 1, -1, -1)
-    own = positions_at(flat, rows, when)
+    own = at_whole_steps(observed, step_s)
     xy = np.concatenate([own[:, None], observed.neighbours], axis=1)
     origin = own[:, -1]
     return *_present(xy, origin), origin
