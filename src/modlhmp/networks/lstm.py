@@ -27,6 +27,7 @@ class Network(Base):
     `sigma_scale` multiplies the framework's standard deviations, which were chosen for steps of 0.4 s.
     """
 
+    looks_at_neighbours = False
     turns = 0
 
     def __init__(self, steps, observed_rows, step_s, hidden=128, sigma_scale=1.0, pooled=0):

@@ -42,6 +42,8 @@ class Crowd:
 class Network(lstm.Network):
     """The LSTM with a pooled grid beside its input; 529,487 parameters with `hidden` = 128."""
 
+    looks_at_neighbours = True
+
     def __init__(self, steps, observed_rows, step_s, hidden=128, sigma_scale=1.0):
         super().__init__(steps, observed_rows, step_s, hidden, sigma_scale, pooled=POOLED)
         self.latent = nn.Linear(hidden, LATENT)
