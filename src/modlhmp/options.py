@@ -244,7 +244,8 @@ class Training:
     rotate: bool = option(True, "turn scenes at random in training, as the originals do (not TUTR)")
     held_out: Literal["persons", "blocks"] = option(
         "persons",
-        "whose the validation error is: some persons'; or everyone's on the last days, or in half-hours of one day",
+        "whose the validation error is: some persons' of each recording (who is in two may be trained on in the "
+        "other); or everyone's on the last days, or in half-hours of one day",
     )
     another_every: WholeFrom1 | None = option(None, "one more window for every so many windows in a track; null: none")
 
@@ -285,7 +286,7 @@ class Mid(Training):
 class NeuralMap(Training):
     """Of the neural map."""
 
-    rotate: bool = option(False, "turn scenes at random in training")
+    rotate: Literal[False] = option(False, "a map knows its place: scenes that it learns are never turned")
     held_out: Literal["persons", "blocks"] = option("blocks", "as for every network")
     another_every: WholeFrom1 | None = option(10, "one more window for every so many windows in a track; null: none")
     grids: tuple[Positive, ...] = option((1.0, 2.5, 6.0), "cell sizes of the maps [m]; none: the network without a map")

@@ -238,6 +238,11 @@ def test_a_network_s_settings_are_its_budget_s_and_its_own(config):
     assert run.method("stef").options == RollOut()
 
 
+def test_scenes_of_a_network_that_learns_a_map_cannot_be_turned(config):
+    config["methods"]["mine"] = {"kind": "neural_map", "title": "Mine", "options": {"rotate": True}}
+    assert "rotate: True is not one of False" in refused(config)
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

@@ -69,7 +69,7 @@ class Day(NamedTuple):
     pieces: Mapping[int, int] = {}
 
     def persons(self) -> np.ndarray:
-        """Whose each of the `rows` is, [n]: the id of the person's first track."""
+        """Whose each of the `rows` is, [n]: the id in `tracks` (numbers of this recording) of the person's first track."""
         return whole_ids(self.tracks.track_id[self.rows[:, 0]], self.pieces)
 
 
@@ -212,7 +212,11 @@ def training_data(
 
 
 def persons_held_out(days: Sequence[Day], share: float, seed: int) -> list[np.ndarray]:
-    """Masks, one [n] per day, of the persons held out: a share of all, by a hash of their ids."""
+    """Masks, one [n] per day, of the persons held out: a share of all, by a hash of `Day.persons`.
+
+    These are numbers within a recording, not its ids (`together`): who is in two recordings, such as files of an hour
+    each, may be trained on in one and held out in the other.
+    """
     keys = [stream_keys(day.persons(), 1, "validation", seed)[:, 0] for day in days]
     lowest = min((key.min() for key in keys if len(key)), default=0)
     limit = max(np.uint64(share * 2.0**64), lowest)  # somebody at least is held out

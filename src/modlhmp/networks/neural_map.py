@@ -116,10 +116,11 @@ class Network(Base):
         return seconds[:, None] * (now[:, None] + change)
 
     def loss(self, scenes: Scenes) -> Tensor:
-        """Mean distance over time since t0 [m/s] of the valid steps, of walkers at other paces and a little beside.
+        """Mean distance of the batch's valid steps, over one step [m/s], of walkers at other paces and a little beside.
 
-        It is least at the spatial median of where people are who are still there; as distances grow with time, their
-        sum would be about the last steps only.
+        Step k has the weight 1 / k, and the sum of the weights of all valid steps is divided by: as distances grow
+        with time, their plain mean would be about the last steps only. It is least at the spatial median of where
+        people are who are still there.
         """
         truth, mask = truth_of(scenes, trimmed(scenes))
         scale = torch.empty_like(truth[:, 0, 0]).uniform_(SLOWEST, FASTEST)
