@@ -227,6 +227,18 @@ def check_format(form: FileFormat, source: object) -> None:
             raise DataError(f"{source}: columns: {name} and {twice[0]} are both column {column!r}; correct one")
 
 
+def how_to_set(remedy: str, form: FileFormat) -> str:
+    """What must be added to a remedy that names, in backticks, keys which `check_format` would refuse; else empty."""
+    if form.homography is not None and "`units: {length" in remedy:
+        return " (a `homography` takes positions to metres: correct its numbers instead of the unit of length)"
+    keys = [key for key in _WRITTEN if f"`{key}" in remedy and key not in _READS[form.reader]]
+    if not keys or "`reader: delimited`" in remedy:
+        return ""
+    is_table = form.reader in ("atc", "atc_1hz", "text")
+    file = "read the file by `reader: delimited`" if is_table else "export it as CSV, for `reader: delimited`"
+    return f" (reader {form.reader!r} does not read {', '.join(keys)}: {file} with `columns`, which does)"
+
+
 def _check_marks(form, source):
     """Whether separator, comment and the marks of numbers are told apart."""
     for key in ("decimal", "thousands") if form.reader == "delimited" else ():

@@ -102,7 +102,7 @@ def recorded_agreement(rows: Tracks, around: Moves, units: Units) -> tuple[float
             cosine = float(np.cos(direction - by_convention(of_file, name)).mean())
             found.append((cosine, f"`units: {{{option}}}`{also}"))
             back = "headings turned round, as they point backwards (no option does that: correct the file, or leave "
-            found.append((-cosine - 0.01, f"{back}the columns of speed and heading out)"))
+            found.append((-cosine - 0.01, f"{back}speed and heading out of `columns`)"))
     best = max(found)
     return float(np.cos(direction - heading).mean()), *best
 

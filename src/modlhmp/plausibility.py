@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from modlhmp.account import Account
-from modlhmp.file_format import CheckName, FileFormat
+from modlhmp.file_format import CheckName, FileFormat, how_to_set
 from modlhmp.motion import Moves, moves, recorded_agreement, recorded_ratio, returned_to
 from modlhmp.readers.delimited import SPEED_MPS
 from modlhmp.readers.hints import hint_of_rows, hint_of_units
@@ -187,7 +187,7 @@ def recorded_speed(seen: Evidence) -> Told:
     ]
     told = f"the file's speeds are {ratio:.3g} times those of its displacements ({walked:.3g} m/s in the middle)"
     severity: Severity = "stop" if known or not STOP_RATIO[0] <= ratio <= STOP_RATIO[1] else "warn"
-    others = "correct `units`, or leave the columns of speed and heading out"
+    others = "correct `units`, or leave speed and heading out of `columns`"
     return severity, told, f"{' or '.join(known)} would explain it" if known else others
 
 
@@ -197,7 +197,7 @@ def recorded_heading(seen: Evidence) -> Told:
     if count > ABSURD * seen.account.rows_read >= ABSURD * LEAST_ROWS:
         told = f"{count / seen.account.rows_read:.0%} of the headings are beyond a whole turn ({median:.3g} rad)"
         fits = seen.form.units.angle == "rad"
-        return "stop", told, "set `units: {angle: deg}`" if fits else "leave the columns of speed and heading out"
+        return "stop", told, "set `units: {angle: deg}`" if fits else "leave speed and heading out of `columns`"
     if not seen.form.has_velocity or not seen.enough(seen.around):
         return None
     now, best, option = recorded_agreement(seen.rows, seen.around, seen.form.units)
@@ -207,7 +207,7 @@ def recorded_heading(seen: Evidence) -> Told:
     if best >= WARN_COSINE:
         return "stop", told, f"with {option} it would be {best:.2f}"
     severity: Severity = "stop" if now < STOP_COSINE else "warn"
-    return severity, told, "leave the columns of speed and heading out, so that positions tell both"
+    return severity, told, "leave speed and heading out of `columns`, so that positions tell both"
 
 
 def time_step(seen: Evidence) -> Told:
@@ -355,7 +355,8 @@ def check_recording(rows: Tracks, account: Account, form: FileFormat, clock: boo
     for check in CHECKS:
         told = check.of(seen) if check.of else None
         if told is not None:
-            found.append(Finding(check.name, *told))
+            severity, text, remedy = told
+            found.append(Finding(check.name, severity, text, remedy + how_to_set(remedy, form)))
     said = set().union(*(_SAYS.get(one.check, set()) for one in found))
     return [one for one in found if one.check not in said]
 

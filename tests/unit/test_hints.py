@@ -55,6 +55,15 @@ def test_one_blank_as_separator_where_there_are_several(tmp_path, line, header):
     assert "use `reader: text`" in told
 
 
+@pytest.mark.parametrize("mark", ["#", "%"])
+def test_the_mark_of_comments_is_named_and_serves(tmp_path, mark):
+    path = file_of(tmp_path / "a.csv", comma, f"{mark} id, t, x, y")
+    told = refusal(path, columns=BY_POSITION)
+    assert ("`reader: text`" in told) == (mark == "#")
+    assert f"`comment: '{mark}'`" in told
+    clean_recording(path, check(FileFormat, {"columns": BY_POSITION, "comment": mark}, "test"), Recording(day=""))
+
+
 def test_times_of_a_twelve_hour_clock(tmp_path):
     path = file_of(
         tmp_path / "a.csv", lambda person, t, x, y: f"{person},2026-03-02 09:00:{t:04.1f} AM,{x:.3f},{y:.3f}"

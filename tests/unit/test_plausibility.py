@@ -1,17 +1,20 @@
 """Wrong units, rates and angles are noticed, and answered with the option that mends them; good recordings pass."""
 
 import logging
+import re
+import typing
 from typing import get_args
 
 import numpy as np
 import pytest
+import yaml
 from planted import MOVING, PLACES, people, write
 
 import modlhmp
 from modlhmp import plausibility
 from modlhmp.account import Account
 from modlhmp.cleaning import clean_recording
-from modlhmp.file_format import CheckName, Columns, FileFormat, Recording
+from modlhmp.file_format import _READER_NEEDS, CheckName, Columns, FileFormat, Recording, check_format, how_to_set
 from modlhmp.inspection import inspect_file
 from modlhmp.plausibility import CHECKS, check_recording
 from modlhmp.readers import read_recording
@@ -103,6 +106,61 @@ def test_a_wrong_declaration_is_named_with_the_option(tmp_path, written, declare
     if name is not None:
         assert f"accept: [{name}]" in str(error.value)
         assert [remedy in one.remedy for one in findings(path, described) if one.check == name] == [True]
+
+
+def followed(told, keys, columns=None):
+    """A form with what a message names first, refused if its reader does not take it; `columns` are for another one."""
+    named = re.findall(r"`(\w+: .*?)`", told.split(" would give ")[0].split("; if it is right")[0])
+    if "reader: delimited" in named:
+        keys = {"columns": columns}
+    for one in named:
+        keys = keys | yaml.safe_load(re.sub(r", (?=scale|frame_rate)", "\n", one))
+    found = check(FileFormat, keys, "test")
+    check_format(found, "test")
+    return found
+
+
+@pytest.mark.parametrize(("written", "declared", "name", "remedy"), WRONG)
+def test_a_remedy_is_accepted(tmp_path, written, declared, name, remedy):
+    path = write(tmp_path / "a.csv", people(), **written)
+    columns = PLACES if written.get("moving") is False else MOVING
+    with pytest.raises(DataError) as error:
+        clean_recording(path, form(columns, strict=True, **declared), Recording(day=""))
+    followed(str(error.value), {"reader": "delimited", "header": True, "columns": columns, **declared})
+
+
+def atc_file(path, degrees=False, kilometres=False):
+    """People in the form of ATC at 1 Hz, maybe with headings in degrees, or speeds in km/h."""
+    person, t, x, y, v, h = people().T
+    h, v = np.degrees(h) if degrees else h, v * 3.6 if kilometres else v
+    np.savetxt(path, np.column_stack([t, person, x, y, v, h]), "%.6f", ",")
+    return path
+
+
+@pytest.mark.parametrize("wrong", ["degrees", "kilometres"])
+def test_a_remedy_that_a_reader_does_not_take_names_one_that_does(tmp_path, wrong):
+    path = atc_file(tmp_path / "a.csv", **{wrong: True})
+    with pytest.raises(DataError, match="reader 'atc_1hz' does not read units: read the file by") as error:
+        clean_recording(path, check(FileFormat, {"reader": "atc_1hz"}, "test"), Recording(day=""))
+    columns = {"t": 0, "track_id": 1, "x": 2, "y": 3, "speed": 4, "heading": 5}
+    clean_recording(path, followed(str(error.value), {"reader": "atc_1hz"}, columns), Recording(day=""))
+
+
+@pytest.mark.parametrize("reader", get_args(typing.get_type_hints(FileFormat)["reader"]))
+def test_every_reader_takes_what_a_check_names_or_is_told_which_does(reader):
+    places = {"track_id": 0, "t": 1, "x": 2, "y": 3}
+    needed = {"columns": places, "frame_rate": 25, "scale": 0.025, "row_stride": 1}
+    keys = {"reader": reader} | {key: needed[key] for key in _READER_NEEDS.get(reader, ())}
+    described = check(FileFormat, keys, "test")
+    for remedy in ("`units: {angle: deg}`", "`missing: {x: 0, y: 0}`", "`skip_lines: 2`", "`origin_m: [100, 200]`"):
+        followed(remedy + how_to_set(remedy, described), keys, places)
+
+
+def test_a_homography_is_corrected_instead_of_the_unit(tmp_path):
+    path = write(tmp_path / "a.csv", people(), length="mm", moving=False)
+    flat = [[1000, 0, 0], [0, 1000, 0], [0, 0, 1]]
+    with pytest.raises(DataError, match="a `homography` takes positions to metres: correct its numbers instead"):
+        clean_recording(path, form(PLACES, homography=flat), Recording(day=""))
 
 
 @pytest.mark.parametrize(("written", "declared", "name", "remedy"), [one for one in WRONG if one[2]])

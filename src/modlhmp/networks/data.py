@@ -69,7 +69,7 @@ class Day(NamedTuple):
     pieces: Mapping[int, int] = {}
 
     def persons(self) -> np.ndarray:
-        """Whose each of the `rows` is, [n]: the id in `tracks` (numbers of this recording) of the person's first track."""
+        """Whose each of the `rows` is, [n]: the id in `tracks`, numbers within it, of the person's first track."""
         return whole_ids(self.tracks.track_id[self.rows[:, 0]], self.pieces)
 
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from modlhmp.account import Account
 from modlhmp.clock import midnight, start_time
-from modlhmp.file_format import FileFormat
+from modlhmp.file_format import FileFormat, how_to_set
 from modlhmp.readers import atc, edinburgh, jupedsim, magni, trajnet
 from modlhmp.readers.delimited import read_delimited
 from modlhmp.readers.raw import FILE_COLUMN, People
@@ -33,7 +33,11 @@ def read_recording(
     except DataError as error:
         raise DataError(f"{path}: {error}") from None
     with boundary(path, "cannot be read as the dataset file says"):
-        return _read(path, form, limits, origin)
+        try:
+            return _read(path, form, limits, origin)
+        except DataError as error:
+            error.args = (f"{error}{how_to_set(str(error), form)}",)
+            raise
 
 
 def _read(path, form, limits, origin):

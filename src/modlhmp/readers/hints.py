@@ -35,8 +35,10 @@ def _of_separator(lines, separator):
     first = lines[0].strip()
     if first.startswith("{"):
         return "looks like JSON lines: use `reader: trajnet`"
-    if first.startswith(("#", "%")):
-        return f"begins with comments: use `reader: text`, or `comment: {first[0]!r}`"
+    if first.startswith("#"):
+        return "begins with comments: use `reader: text`, or `comment: '#'`"
+    if first.startswith("%"):
+        return "begins with comments: set `comment: '%'`"
     if separator == " " and any(line.startswith(" ") or "  " in line.rstrip() for line in lines):
         return _OF_BLANKS
     if separator is not None and separator not in first:
