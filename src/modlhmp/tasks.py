@@ -48,8 +48,8 @@ def export_task(
 
     `split` "validation" is what `evaluate_on: validation` tests on, "train" the training tracks. `neighbours` tells who
     else was near, and with it more than one task should (`task.json` says what). `training` adds the tracks to train
-    on, which are the answers where `split` is "train", so that is refused. `forecasts`, a folder of forecasts of the workflow, are written in the form of a hand-in. `DataError` names what is
-    wrong.
+    on, which would be the answers where `split` is "train", so that is refused. `forecasts`, a folder of forecasts of
+    the workflow, are written in the form of a hand-in. `DataError` names what is wrong.
     """
     if training and split == "train":
         raise DataError(

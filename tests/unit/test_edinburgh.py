@@ -196,7 +196,7 @@ def test_a_track_whose_first_frame_nobody_can_know_is_dropped_and_counted(write,
 def test_blank_lines_are_no_lost_first_rows(write, garbage):
     """Wherever they are, whatever else cannot be read; but the line before them may be one."""
     tracks = [[f"{95 + k},{track},{100 + k},200" for k in range(4)] for track in (3, 2, 5)]
-    expected, _ = read_rows(write("\n".join(sum(tracks, [])), "plain.csv"))
+    expected, _ = read_rows(write("\n".join("\n".join(one) for one in tracks), "plain.csv"))
     if garbage:
         tracks[0].insert(2, garbage)
     found, account = read_rows(write("\n \n" + "\n\n".join("\n".join(one) for one in tracks)))
@@ -207,7 +207,8 @@ def test_blank_lines_are_no_lost_first_rows(write, garbage):
 
 
 def test_a_track_that_is_dropped_for_its_lost_first_row_is_told(write, load_shipped, caplog):
-    file = write("\n".join(f"{95 + k},{track},{100 + k},200" for track in (3, 2) for k in range(40)).replace("95,2,", "?"))
+    lines = [f"{95 + k},{track},{100 + k},200" for track in (3, 2) for k in range(40)]
+    file = write("\n".join([*lines[:40], "?", *lines[41:]]))
     form = dataclasses.replace(load_shipped("edinburgh_25days", file.parent), cleaning=())
     _, account = clean_recording(file, form, Recording(day="2010-07-01", start="09:00"))
     tell_of_faults(file, account)
