@@ -364,14 +364,14 @@ def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ..
 
 def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Recording, ...]:
     """The recordings that the entries stand for, each with its own name."""
-    found = []
+    found, each = list[Recording](), list[Recording]()
     for entry in file.recordings:
         files = find_files(path, entry.files, root)
         made = [recording_at(one, root) for one in files]
+        each += made
         if file.file_is == "person":
             ids_of_people(files)  # before a run has begun
-            folder = os.path.commonpath([one.parent for one in files])
-            made = [dataclasses.replace(made[0], path=folder, people=tuple(map(str, files)))]
+            made = [dataclasses.replace(made[0], path=str(root / entry.files), people=tuple(map(str, files)))]
         days = [day_in_name(path, file) if entry.day == IN_NAME else entry.day for file in files[: len(made)]]
         for day in days:
             _check_day(path, day)
@@ -380,7 +380,7 @@ def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Record
             dataclasses.replace(one, day=day or "", start=entry.start, days=entry.days, split=split, chosen=chosen)
             for one, day in zip(made, days, strict=True)
         ]
-    check_different(path, found)
+    check_different(path, each, found)
     names = names_of(path, found)
     return tuple(dataclasses.replace(one, name=name) for one, name in zip(found, names, strict=True))
 

@@ -281,7 +281,7 @@ class Recording:
     `stored` is the file on disk (`path`, or the archive that it leads into), `member` the file in an archive, `file`
     `stored` under the data root. `chosen` says who of the file is tested on, None: nobody or all, as `split` says;
     `part` is what of that is used (`splits.in_part`), where it is cut; `days` is how many days it is of, `day` being
-    the first. `people` are the files where each is of one person; `path` is their folder then.
+    the first. `people` are the files where each is of one person; `path` is the glob that lists them then.
     """
 
     day: str = ""
