@@ -177,6 +177,8 @@ def _remedy(form, usual, account):
     """What may help where no track is left."""
     if account.dropped_tracks["other_split"]:
         return "nobody is left for this side of `split`: divide the file differently"
+    if account.dropped_rows["outside_day"] > 0.5 * account.rows_read:
+        return "most rows are of another day: are `day`, `days`, `start` and `timezone` right?"
     if usual > form.gap_s:
         return (
             f"rows of a track are usually {usual:g} s apart, more than the longest gap of {form.gap_s:g} s: "

@@ -56,7 +56,10 @@ class Area:
 
     title: str = option(meaning="name in the figure's key")
     colour: Literal["green", "red", "blue", "orange"] = option(meaning="colour of the area")
-    polygons: tuple[Any, ...] = option(meaning="lists of corners [x, y], in the recording's length unit")
+    polygons: tuple[Any, ...] = option(
+        meaning="lists of corners [x, y], like those of `cleaning`: in pixels if there is a `scale`, else m; from the "
+        "local origin, if `origin_m` names one"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,7 +308,6 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
     check_format(file, path)
     if file.velocity == "as_recorded" and not file.has_velocity:
         raise DataError(f"{path}: velocity: as_recorded needs speed and heading columns; use velocity: differences")
-    no_clock = file.reader.startswith("edinburgh") or file.units.time == "frame"
     for entry in file.recordings:
         if isinstance(entry.split, Split):
             _check_split(path, entry.split, file.reader)
@@ -319,7 +321,7 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
             raise DataError(
                 f"{path}: recordings: {entry.files}: give the `day`, such as 2012-10-24, or set `clock: unknown`"
             )
-        if no_clock and not entry.start:
+        if not file.has_clock and not entry.start:
             raise DataError(
                 f'{path}: the files have no clock; every entry of `recordings` needs a `start`, such as "09:00"'
             )

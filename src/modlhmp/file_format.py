@@ -169,6 +169,11 @@ class FileFormat:
         return self.reader in {"atc", "atc_1hz"} or (self.columns is not None and self.columns.speed is not None)
 
     @property
+    def has_clock(self) -> bool:
+        """Whether the files' times are of a clock, unless a `start` is given; those of the others count from 0."""
+        return self.reader in {"atc", "atc_1hz", "delimited", "text"} and self.units.time != "frame"
+
+    @property
     def metres(self) -> float:
         """Metres of the files' unit of length."""
         if self.reader.startswith("edinburgh") or self.units.length == "px":

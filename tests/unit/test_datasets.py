@@ -326,17 +326,18 @@ def test_a_date_that_does_not_exist_is_refused(load):
 @pytest.mark.parametrize(
     "clock",
     [
-        {"reader": "edinburgh", "scale": 0.02, "columns": None, "header": False},
-        {"units": {"time": "frame", "length": "m"}},
+        {"reader": "edinburgh", "frame_rate": 9.0, "scale": 0.02, "columns": None, "header": False},
+        {"units": {"time": "frame", "length": "m"}, "frame_rate": 9.0},
+        *({"reader": reader, "columns": None} for reader in ("trajnet", "magni", "jupedsim", "hdf5")),
     ],
-    ids=["px", "frames"],
+    ids=["px", "frames", "trajnet", "magni", "jupedsim", "hdf5"],
 )
 def test_files_without_a_clock_need_a_start(load, clock):
     recordings = [
         {key: value for key, value in MINE["recordings"][0].items() if key != "start"},
         *MINE["recordings"][1:],
     ]
-    refused(load, "every entry of `recordings` needs a `start`", recordings=recordings, frame_rate=9.0, **clock)
+    refused(load, "every entry of `recordings` needs a `start`", recordings=recordings, **clock)
 
 
 @pytest.mark.parametrize("start", ["8:00", "24:00", "29:59", "08:60", "noon", ""])

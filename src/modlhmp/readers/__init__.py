@@ -98,6 +98,8 @@ def _day_and_origin(form: FileFormat, day: str, start: str | None, days: int) ->
         limits = midnight(date, form.timezone), midnight(date, form.timezone, days)
     except (ValueError, OverflowError):
         raise DataError(f"days {days}: the day that many days after {day} has no date; give a smaller number") from None
+    if start is None and not form.has_clock:
+        raise DataError(f'day {day!r}: the file has no clock: say its `start` too, such as "09:00", or no `day`')
     if start is None:
         return limits, 0.0
     try:
