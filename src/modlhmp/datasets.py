@@ -41,7 +41,7 @@ class Files:
     start: str | None = option(
         None,
         'local clock time of the file\'s time 0, quoted, such as "09:00", or with its offset from UTC, "02:30+01:00"; '
-        "without it times are unix seconds",
+        "without it times are unix seconds, so files whose times count from 0 need it",
     )
     days: WholeFrom1 = option(1, "how many days it is of, `day` being the first: 2 where it goes on after midnight")
     split: Literal["train", "test"] | Split = option(
