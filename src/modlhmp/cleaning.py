@@ -24,7 +24,9 @@ from modlhmp.time_step import interpolate, jumped
 from modlhmp.tracks import Tracks, concatenate, laid_out, usual_step, whole_ids
 
 # Reasons for which readers drop a row that should have been somebody's position at a time.
-FAULTS = ("text_value", "nan_value", "infinite_value", "absurd_value", "wrong_column_count", "no_track_id")
+FAULTS = (
+    "text_value", "nan_value", "infinite_value", "absurd_value", "wrong_column_count", "no_track_id", "first_row_lost",
+)  # fmt: skip
 # Reasons that may be right: `no_person` by its id, and a time that `days` may have left out.
 OTHERS = {"no_person": "nobody's by their id and dropped", "outside_day": "of another day and dropped"}
 BORDER = 1e-9  # a point this near to an edge lies on it, in the polygon's units
@@ -175,6 +177,8 @@ def _remedy(form, usual, account):
     """What may help where no track is left."""
     if account.dropped_tracks["other_split"]:
         return "nobody is left for this side of `split`: divide the file differently"
+    if account.dropped_rows["outside_day"] > 0.5 * account.rows_read:
+        return "most rows are of another day: are `day`, `days`, `start` and `timezone` right?"
     if usual > form.gap_s:
         return (
             f"rows of a track are usually {usual:g} s apart, more than the longest gap of {form.gap_s:g} s: "

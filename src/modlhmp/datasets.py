@@ -41,7 +41,7 @@ class Files:
     start: str | None = option(
         None,
         'local clock time of the file\'s time 0, quoted, such as "09:00", or with its offset from UTC, "02:30+01:00"; '
-        "without it times are unix seconds",
+        "without it times are unix seconds, so files whose times count from 0 need it",
     )
     days: WholeFrom1 = option(1, "how many days it is of, `day` being the first: 2 where it goes on after midnight")
     split: Literal["train", "test"] | Split = option(
@@ -56,7 +56,10 @@ class Area:
 
     title: str = option(meaning="name in the figure's key")
     colour: Literal["green", "red", "blue", "orange"] = option(meaning="colour of the area")
-    polygons: tuple[Any, ...] = option(meaning="lists of corners [x, y], in the recording's length unit")
+    polygons: tuple[Any, ...] = option(
+        meaning="lists of corners [x, y], like those of `cleaning`: in pixels if there is a `scale`, else m; from the "
+        "local origin, if `origin_m` names one"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,7 +308,6 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
     check_format(file, path)
     if file.velocity == "as_recorded" and not file.has_velocity:
         raise DataError(f"{path}: velocity: as_recorded needs speed and heading columns; use velocity: differences")
-    no_clock = file.reader.startswith("edinburgh") or file.units.time == "frame"
     for entry in file.recordings:
         if isinstance(entry.split, Split):
             _check_split(path, entry.split, file.reader)
@@ -319,7 +321,7 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
             raise DataError(
                 f"{path}: recordings: {entry.files}: give the `day`, such as 2012-10-24, or set `clock: unknown`"
             )
-        if no_clock and not entry.start:
+        if not file.has_clock and not entry.start:
             raise DataError(
                 f'{path}: the files have no clock; every entry of `recordings` needs a `start`, such as "09:00"'
             )
@@ -364,14 +366,14 @@ def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ..
 
 def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Recording, ...]:
     """The recordings that the entries stand for, each with its own name."""
-    found = []
+    found, each = list[Recording](), list[Recording]()
     for entry in file.recordings:
         files = find_files(path, entry.files, root)
         made = [recording_at(one, root) for one in files]
+        each += made
         if file.file_is == "person":
             ids_of_people(files)  # before a run has begun
-            folder = os.path.commonpath([one.parent for one in files])
-            made = [dataclasses.replace(made[0], path=folder, people=tuple(map(str, files)))]
+            made = [dataclasses.replace(made[0], path=str(root / entry.files), people=tuple(map(str, files)))]
         days = [day_in_name(path, file) if entry.day == IN_NAME else entry.day for file in files[: len(made)]]
         for day in days:
             _check_day(path, day)
@@ -380,7 +382,7 @@ def _recordings(path: str | Path, file: DatasetFile, root: Path) -> tuple[Record
             dataclasses.replace(one, day=day or "", start=entry.start, days=entry.days, split=split, chosen=chosen)
             for one, day in zip(made, days, strict=True)
         ]
-    check_different(path, found)
+    check_different(path, each, found)
     names = names_of(path, found)
     return tuple(dataclasses.replace(one, name=name) for one, name in zip(found, names, strict=True))
 

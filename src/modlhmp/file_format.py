@@ -169,6 +169,11 @@ class FileFormat:
         return self.reader in {"atc", "atc_1hz"} or (self.columns is not None and self.columns.speed is not None)
 
     @property
+    def has_clock(self) -> bool:
+        """Whether the files' times are of a clock, unless a `start` is given; those of the others count from 0."""
+        return self.reader in {"atc", "atc_1hz", "delimited", "text"} and self.units.time != "frame"
+
+    @property
     def metres(self) -> float:
         """Metres of the files' unit of length."""
         if self.reader.startswith("edinburgh") or self.units.length == "px":
@@ -293,7 +298,7 @@ class Recording:
     `stored` is the file on disk (`path`, or the archive that it leads into), `member` the file in an archive, `file`
     `stored` under the data root. `chosen` says who of the file is tested on, None: nobody or all, as `split` says;
     `part` is what of that is used (`splits.in_part`), where it is cut; `days` is how many days it is of, `day` being
-    the first. `people` are the files where each is of one person; `path` is their folder then.
+    the first. `people` are the files where each is of one person; `path` is the glob that lists them then.
     """
 
     day: str = ""

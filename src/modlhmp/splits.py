@@ -29,20 +29,23 @@ def only_of(form: FileFormat, recording: Recording) -> FileFormat:
 def in_split(tracks: Tracks, recording: Recording, owners: Owners | None = None) -> np.ndarray:
     """Whether tracks are of the recording's split, which takes a share of them by person or by time.
 
-    By person the choice depends on the seed and each person's own id, so nobody's changes with others; `owners` are
-    given where the pieces of a track are one person. By time those are tested who come after a moment, and those train
-    who have left by then: who is there at that moment is in neither.
+    By person the choice depends on the seed and each person's own id, so nobody's changes with others. By time those
+    are tested who come after a moment, and those train who have left by then: who is there at that moment is in
+    neither. `owners` are given where the pieces of a track are one person, who is there from the first to the last.
     """
     bounds, chosen = tracks.bounds(), recording.chosen
     if chosen is None or not isinstance(chosen.test, float) or len(bounds) == 1:
         return np.ones(len(bounds) - 1, bool)
-    first, last = tracks.t[bounds[:-1]], tracks.t[bounds[1:] - 1]
-    if chosen.by == "time":
-        moment = first.min() + (1 - chosen.test) * (last.max() - first.min())
-        return first > moment if recording.split == "test" else last <= moment
     ids = tracks.track_id[bounds[:-1]]
     if owners is not None:
         ids = np.array([id_of(owners.text(int(one))) for one in ids], np.int64)
+    if chosen.by == "time":
+        first, last = tracks.t[bounds[:-1]], tracks.t[bounds[1:] - 1]
+        moment = first.min() + (1 - chosen.test) * (last.max() - first.min())
+        test = recording.split == "test"
+        _, whose = np.unique(ids, return_inverse=True)
+        other = first <= moment if test else last > moment
+        return np.bincount(whose, other)[whose] == 0  # with nobody whose other piece is of the other side
     share = stream_keys(ids, 1, "split", chosen.seed)[:, 0].astype(np.float64) / 2.0**64
     return (share < chosen.test) == (recording.split == "test")
 

@@ -47,10 +47,15 @@ def export_task(
     """Write the task of a dataset file's test tracks into a folder; returns it and the files (`exchange.task`).
 
     `split` "validation" is what `evaluate_on: validation` tests on, "train" the training tracks. `neighbours` tells who
-    else was near, and with it more than one task should (`task.json` says what). `training` adds the training tracks.
-    `forecasts`, a folder of forecasts of the workflow, are written in the form of a hand-in. `DataError` names what is
-    wrong.
+    else was near, and with it more than one task should (`task.json` says what). `training` adds the tracks to train
+    on, which would be the answers where `split` is "train", so that is refused. `forecasts`, a folder of forecasts of
+    the workflow, are written in the form of a hand-in. `DataError` names what is wrong.
     """
+    if training and split == "train":
+        raise DataError(
+            "training: with split 'train' the training tracks are what is asked for, so they would give the answers "
+            "away: leave training out, or export split 'test' or 'validation'"
+        )
     used = _dataset(dataset, data_root, split)
     task = task_of(used, split, neighbours)
     train = (clean(used, one) for one in used.of_split("train")) if training else None

@@ -387,6 +387,13 @@ def test_rules_that_leave_nothing_name_the_file_and_what_they_dropped(write):
         clean(write, MIXED, cleaning=({"min_points": {"points": 50}},))
 
 
+def test_that_most_rows_are_of_another_day_is_told_where_nobody_is_left(write):
+    rows = "".join(f"{86400 + k},1,{k},0\n" for k in range(-1, 9))
+    form = FileFormat(columns=Columns(t=0, track_id=1, x=2, y=3))
+    with pytest.raises(DataError, match=r"left no track.*'outside_day': 9.*of another day: are `day`, `days`, `start`"):
+        clean_recording(write(rows), form, Recording(day="1970-01-01"))
+
+
 @pytest.mark.parametrize("same_person", [False, True])
 def test_pieces_are_told_to_be_one_person_where_they_are(write, same_person):
     rows = [f"{t},{who},{t},0" for who in ("7", "P01", "009") for t in (0, 1, 20, 21, 40, 41) if who != "009" or t < 20]

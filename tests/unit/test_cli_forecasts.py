@@ -400,6 +400,12 @@ def test_a_task_is_exported_forecast_and_scored(site, tmp_path):
     assert last["ade_m"] == pytest.approx(expected["ade_m"], rel=1e-5) and last["n"] == 30
 
 
+def test_training_tracks_that_are_the_answers_are_not_given_away(site, tmp_path):
+    done = export(site, tmp_path, "--training", "--split", "train")
+    assert isinstance(done.exception, modlhmp.DataError) and not list(tmp_path.iterdir())
+    assert "leave training out, or export split 'test'" in str(done.exception)
+
+
 def test_a_table_and_a_hand_in_have_the_same_scores_under_both_protocols(site, tmp_path):
     """The dataset file's idle filter counts for both: here of half of the people."""
     hall, others = tmp_path / "hall.yaml", pd.read_csv(site / "monday.csv")

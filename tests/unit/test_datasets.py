@@ -326,17 +326,18 @@ def test_a_date_that_does_not_exist_is_refused(load):
 @pytest.mark.parametrize(
     "clock",
     [
-        {"reader": "edinburgh", "scale": 0.02, "columns": None, "header": False},
-        {"units": {"time": "frame", "length": "m"}},
+        {"reader": "edinburgh", "frame_rate": 9.0, "scale": 0.02, "columns": None, "header": False},
+        {"units": {"time": "frame", "length": "m"}, "frame_rate": 9.0},
+        *({"reader": reader, "columns": None} for reader in ("trajnet", "magni", "jupedsim", "hdf5")),
     ],
-    ids=["px", "frames"],
+    ids=["px", "frames", "trajnet", "magni", "jupedsim", "hdf5"],
 )
 def test_files_without_a_clock_need_a_start(load, clock):
     recordings = [
         {key: value for key, value in MINE["recordings"][0].items() if key != "start"},
         *MINE["recordings"][1:],
     ]
-    refused(load, "every entry of `recordings` needs a `start`", recordings=recordings, frame_rate=9.0, **clock)
+    refused(load, "every entry of `recordings` needs a `start`", recordings=recordings, **clock)
 
 
 @pytest.mark.parametrize("start", ["8:00", "24:00", "29:59", "08:60", "noon", ""])
@@ -952,6 +953,43 @@ def test_each_folder_may_have_people_of_one_name(tmp_path):
     files = {"g1/1.csv": text, "g2/1.csv": text + "\n"}
     found = of_people(tmp_path, files, recordings=entries)
     assert [one.name for one in found.recordings] == ["g1-train", "g1-test", "g2-train", "g2-test"]
+
+
+@pytest.mark.parametrize(
+    ("globs", "names"),
+    [
+        (("walks/a_*.csv", "walks/b_*.csv"), ["walks.a_", "walks.b_"]),
+        (("walks/[a]_*.csv", "walks/sub/c_?.csv"), ["walks", "sub"]),
+        (("walks/*_1.csv", "*/*_2.csv", "walks/sub/*.csv"), ["walks._1", "_2", "sub"]),
+    ],
+)
+def test_people_of_one_folder_may_be_several_recordings(tmp_path, globs, names):
+    """Which are no neighbours of each other, unless they are of one day."""
+    files = {f"walks/{one}.csv": "\n".join(LINES) + "\n" * n for n, one in enumerate(["a_1", "a_2", "b_1", "b_2"])}
+    files["walks/sub/c_1.csv"] = "\n".join(LINES[:5])
+    sides = ["train", "test", "test"]
+    entries = [{"files": one, "split": side} for one, side in zip(globs, sides, strict=False)]
+    found = of_people(tmp_path, files, recordings=entries)
+    assert [one.name for one in found.recordings] == names
+    assert not any(found.same_day(name) for name in names)
+    dated = [{**one, "day": "2020-03-02"} for one in entries]
+    found = of_people(tmp_path, files, recordings=dated, clock="recorded")
+    assert all(len(found.same_day(name)) == len(names) - 1 for name in names)
+
+
+@pytest.mark.parametrize(
+    ("globs", "message"),
+    [
+        (("walks/*.csv", "walks/b_*.csv"), "walks/b_1.csv is listed twice; leave one out, or narrow a glob"),
+        (("walks/**/*.csv", "walks/sub/*.csv"), "walks/sub/c_1.csv is listed twice"),
+        (("walks/*1.csv", "walks/1*.csv"), r"named walks: walks/\*1.csv and walks/1\*.csv; .* a folder of their own"),
+    ],
+)
+def test_nobody_is_of_two_recordings(tmp_path, globs, message):
+    files = {f"walks/{one}.csv": "\n".join(LINES) for one in ["a_1", "b_1", "1_c", "sub/c_1"]}
+    entries = [{"files": one, "split": side} for one, side in zip(globs, ["train", "test"], strict=True)]
+    with pytest.raises(DataError, match=message):
+        of_people(tmp_path, files, recordings=entries)
 
 
 @pytest.mark.parametrize("reader", ["delimited", "text"])

@@ -594,6 +594,19 @@ def test_headings_are_counted_as_the_units_say(write, heading, angle):
     np.testing.assert_allclose(tracks.speed, 1.0)
 
 
+@pytest.mark.parametrize("reader", ["atc", "atc_1hz", "delimited"])
+def test_below_the_least_speed_there_is_no_heading_whoever_reads(write, reader):
+    content = "0,1,1,2,0.03,0.5\n1,1,2,2,0.9,0.5\n"
+    if reader == "atc":
+        content = "0,1,1000,2000,0,30,0.5,0\n1,1,2000,2000,0,900,0.5,0\n"
+    columns = Columns(t=0, track_id=1, x=2, y=3, speed=4, heading=5) if reader == "delimited" else None
+    for least, known in ((0.05, [False, True]), (0.0, [True, True])):
+        form = FileFormat(reader=reader, columns=columns, min_heading_mps=least)
+        tracks, _ = read_recording(write(content), form)
+        assert np.isfinite(tracks.heading).tolist() == known
+        assert tracks.speed.tolist() == pytest.approx([0.03, 0.9])
+
+
 def test_a_homography_takes_pixels_to_metres(write):
     matrix = [[0.02, 0.0, -3.0], [0.0, -0.03, 9.0], [0.0, 0.001, 1.0]]
     tracks, _ = stranger(write, "id,t,x,y\n1,0,100,50\n1,1,110,60\n", homography=matrix)

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from modlhmp.cleaning import clean_recording
+from modlhmp.cleaning import clean_recording, tell_of_faults
 from modlhmp.file_format import Recording
 from modlhmp.readers import edinburgh, raw
 from modlhmp.storage import DataError
@@ -190,6 +190,29 @@ def test_a_track_whose_first_frame_nobody_can_know_is_dropped_and_counted(write,
     tracks, account = read_rows(write("\n".join([*good[:5], first, *good[6:]])))
     assert set(tracks.track_id) == {2} and account.dropped_tracks == {"first_row_lost": 1}
     assert account.tracks_read == 2 and account.dropped_rows["first_row_lost"] == 4
+
+
+@pytest.mark.parametrize("garbage", ["x,3,100,200", None])
+def test_blank_lines_are_no_lost_first_rows(write, garbage):
+    """Wherever they are, whatever else cannot be read; but the line before them may be one."""
+    tracks = [[f"{95 + k},{track},{100 + k},200" for k in range(4)] for track in (3, 2, 5)]
+    expected, _ = read_rows(write("\n".join("\n".join(one) for one in tracks), "plain.csv"))
+    if garbage:
+        tracks[0].insert(2, garbage)
+    found, account = read_rows(write("\n \n" + "\n\n".join("\n".join(one) for one in tracks)))
+    assert [column.tolist() for column in found[:4]] == [column.tolist() for column in expected[:4]]
+    tracks[1].append("garbage")
+    found, account = read_rows(write("\n\n\n".join("\n".join(one) for one in tracks)))
+    assert set(found.track_id) == {2, 3} and account.dropped_tracks == {"first_row_lost": 1}
+
+
+def test_a_track_that_is_dropped_for_its_lost_first_row_is_told(write, load_shipped, caplog):
+    lines = [f"{95 + k},{track},{100 + k},200" for track in (3, 2) for k in range(40)]
+    file = write("\n".join([*lines[:40], "?", *lines[41:]]))
+    form = dataclasses.replace(load_shipped("edinburgh_25days", file.parent), cleaning=())
+    _, account = clean_recording(file, form, Recording(day="2010-07-01", start="09:00"))
+    tell_of_faults(file, account)
+    assert "39 first_row_lost (first: track 2: the line before its first row cannot be read)" in caplog.text
 
 
 def test_a_row_of_another_day_is_no_lost_first_row(write):

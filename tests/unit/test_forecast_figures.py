@@ -7,6 +7,7 @@ import pandas as pd
 import pyarrow as pa
 import pytest
 
+from modlhmp.cleaning import lift_loiterers
 from modlhmp.datasets import Area, Dataset
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.files import write_forecasts
@@ -15,7 +16,7 @@ from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import read_parquet, write_parquet
 from modlhmp.study.exhibits import example_forecasts, paths, ranked_forecasts, style
 from modlhmp.study.exhibits.selection import Example, errors_at, example_track
-from modlhmp.tracks import Tracks, with_owners, write_tracks
+from modlhmp.tracks import Tracks, concatenate, with_owners, write_tracks
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=2.0, horizon_s=60.0, demo=True)
 STEPS = 30
@@ -160,6 +161,19 @@ def test_one_future(tmp_path, layout):
     make_run(layout, k=1)
     ranked_forecasts.draw(layout, [HALL], str(tmp_path / "f"), METHODS)
     assert pd.read_csv(tmp_path / "f.csv")["rank"].max() == 1
+
+
+@pytest.mark.parametrize("scale", [None, 0.5])
+def test_an_area_is_where_cleaning_has_the_same_polygon(scale):
+    """Also where tracks are moved to a local origin: both count from there."""
+    corners = ((0, 0), (10, 0), (10, 20))
+    dataset = dataclasses.replace(HALL, scale=scale, origin_m=(500, 700))
+    outline = ranked_forecasts._outline(Area(title="lift", colour="red", polygons=(corners,)), dataset)
+    people = [(8.0, 6.0), (4.0, 9.0), (508.0, 706.0), (2.0, 1.0)]
+    tracks = concatenate(walkers(1, 2)._replace(track_id=np.full(2, n), x=np.full(2, x), y=np.full(2, y))
+                         for n, (x, y) in enumerate(people))  # fmt: skip
+    within = lift_loiterers(tracks, dataset, [corners]).tolist()
+    assert outline.contains_points(people).tolist() == within == [scale is None, False, False, True]
 
 
 def test_areas_and_image_coordinates(tmp_path, layout):

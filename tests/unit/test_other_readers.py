@@ -263,6 +263,17 @@ def test_every_reader_of_metres_moves_a_national_grid_to_its_origin_or_asks(some
                 modlhmp.read_tracks(far[reader], reader=reader, **more)
 
 
+def test_a_day_without_a_start_is_asked_about_where_times_count_from_0(somewhere):
+    for reader, path in somewhere(0, 0).items():
+        form = {"reader": reader, **({"frame_rate": 10.0} if reader == "trajnet" else {})}
+        if reader != "atc_1hz":  # whose times are of a clock
+            with pytest.raises(
+                DataError, match=r'day .2026-03-02.: the file has no clock: say its `start` too, such as "'
+            ):
+                modlhmp.read_tracks(path, day="2026-03-02", **form)
+            assert len(modlhmp.read_tracks(path, day="2026-03-02", start="09:00", **form).t)
+
+
 def test_some_positions_far_away_are_counted_whoever_reads(somewhere, simulated):
     path = simulated(rows=[*ROWS, (2, 60, 1e7, 0.0)])
     tracks, account = read_recording(path, FileFormat(reader="jupedsim"))

@@ -52,6 +52,17 @@ def test_pieces_are_different_people_unless_they_are_said_to_be_one():
     assert not (apart == apart[:, :1]).all()
 
 
+def test_by_time_nobody_who_comes_back_is_trained_and_tested():
+    """Who walks before and after the moment is there at it: in neither, unless the pieces are different people."""
+    owners = Owners()
+    spans = {("p", 1): 0.0, ("p", 2): 900.0, ("q", 1): 10.0, ("q", 2): 100.0, ("r", 1): 800.0, ("r", 2): 990.0}
+    people = concatenate(track(owners.number(*piece), [begin, begin + 10]) for piece, begin in spans.items())
+    for known, trained, tested in ((owners, "qq", "rr"), (None, "pqq", "prr")):
+        found = sides(people, Split(by="time", test=0.5), known)
+        who = np.array([owners.text(int(one)) for one in people.track_id[people.bounds()[:-1]]])
+        assert ["".join(sorted(who[side])) for side in found] == [trained, tested]
+
+
 @given(st.lists(st.tuples(st.floats(0, 1000), st.floats(1, 200)), min_size=2, max_size=40), st.sampled_from([0.2, 0.5]))
 def test_by_time_no_trained_person_is_there_with_a_tested_one(spans, share):
     people = concatenate(track(n, [start, start + lasts]) for n, (start, lasts) in enumerate(spans))

@@ -24,7 +24,9 @@ def export_task(
     neighbours: Annotated[
         bool, typer.Option("--neighbours", help="Also who else was near; that gives away other tasks' futures.")
     ] = False,
-    training: Annotated[bool, typer.Option("--training", help="Also the training tracks.")] = False,
+    training: Annotated[
+        bool, typer.Option("--training", help="Also the training tracks; not with `--split train`.")
+    ] = False,
     forecasts: Annotated[
         Path | None,
         typer.Option(metavar="FOLDER", help="Also these forecasts of a run, in the form of a hand-in."),

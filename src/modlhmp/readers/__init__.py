@@ -64,7 +64,7 @@ def _read_table(path, form, limits, origin):
         plain = as_plain(form)
         keys = (
             *("header", "decimal", "thousands", "skip_lines", "units", "missing", "only", "without", "scale"),
-            *("frame_rate", "timezone", "homography", "min_heading_mps", "max_jump_mps"),
+            *("frame_rate", "timezone", "homography", "max_jump_mps"),
         )
         layout = {**{key: plain[key] for key in keys}, "columns": columns, "ids": "text"}
         layout["separator"] = None if form.reader == "text" else form.separator
@@ -74,7 +74,8 @@ def _read_table(path, form, limits, origin):
         layout |= {"columns": {"track_id": FILE_COLUMN if form.header else 0, **moved}, "skip_lines": 0}
         for key in ("only", "without"):  # the name of the file stands before the other columns
             layout[key] = {_next(column): texts for column, texts in getattr(form, key).items()}
-    return read_delimited(path, {**layout, "origin": origin, "origin_m": form.origin_m}, limits, form.time_step_s)
+    of_all = {"origin": origin, "origin_m": form.origin_m, "min_heading_mps": form.min_heading_mps}
+    return read_delimited(path, {**layout, **of_all}, limits, form.time_step_s)
 
 
 def _next(column):
@@ -101,6 +102,8 @@ def _day_and_origin(form: FileFormat, day: str, start: str | None, days: int) ->
         limits = midnight(date, form.timezone), midnight(date, form.timezone, days)
     except (ValueError, OverflowError):
         raise DataError(f"days {days}: the day that many days after {day} has no date; give a smaller number") from None
+    if start is None and not form.has_clock:
+        raise DataError(f'day {day!r}: the file has no clock: say its `start` too, such as "09:00", or no `day`')
     if start is None:
         return limits, 0.0
     try:

@@ -4,6 +4,7 @@ B. Majecka, Statistical models of pedestrian behaviour in the Forum, MSc dissert
 Positions are pixels (y downwards), times are capture frames, about 9 per second; there is no clock in the files.
 """
 
+import itertools
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -45,7 +46,7 @@ def read_rows(
     The frame column is the track's first raw frame plus the row number, so the true time of a row is
     (first frame + row_stride * rows since) / frame_rate seconds after `origin` (unix time of frame 0). A first row that
     is dropped counts as such if its frame and track can be read. Where the line before a track's first row cannot, it
-    may have been its first, so the track has no time: it is dropped (`first_row_lost`).
+    may have been its first, so the track has no time: it is dropped (`first_row_lost`). Blank lines are no lines.
     """
     layout = {**ROWS_LAYOUT, "frame_rate": frame_rate, "scale": scale, "origin": origin}
     tracks, account = read_delimited(path, layout, day)
@@ -54,6 +55,8 @@ def read_rows(
     first, lost = first[whose], in_doubt[whose]
     tracks = tracks._replace(t=first + row_stride * (tracks.t - first))
     if lost.any():
+        example = f"track {tracks.track_id[np.argmax(lost)]}: the line before its first row cannot be read"
+        account.first_seen["first_row_lost"] = example
         account.tracks_read = len(tracks.bounds()) - 1
         account.drop_tracks("first_row_lost", len(np.unique(whose[lost])), int(lost.sum()))
         tracks = tracks.take(~lost)
@@ -70,9 +73,13 @@ def _first_times(
     t = frame * (1.0 / layout["frame_rate"]) + layout["origin"]
     low, high = day or (-np.inf, np.inf)
     known = np.isfinite(t)
-    unread = np.ones(account.rows_read + 1, bool)  # by line, from 1
+    unread = np.ones(row.max(initial=0) + 1, bool)  # by line, from 1
     unread[row[known]] = unread[0] = False
-    unread &= account.dropped_rows["blank_line"] < unread.sum()
+    if unread.any():
+        lines = (line for block in line_blocks(path) for line in block.removesuffix(b"\n").split(b"\n"))
+        for number, line in enumerate(itertools.islice(lines, len(unread) - 1), 1):
+            if not line.strip():  # as the line before it
+                unread[number] = unread[number - 1]
     known &= (t >= low) & (t < high)
     order = np.lexsort((t[known], track[known]))
     ids, starts = np.unique(track[known][order], return_index=True)

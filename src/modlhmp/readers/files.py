@@ -78,34 +78,39 @@ def names_of(source: str | Path, recordings: Sequence[Recording]) -> list[str]:
     """What each recording is called: its file's name without suffix or, where others have the same, its path.
 
     `day1/tracks.csv` beside `day2/tracks.csv` is `day1.tracks`: a dot for each slash, and two for each dot, so that no
-    two paths are written alike. `DataError` for files that differ in nothing but their suffix.
+    two paths are written alike. Files of one person each are called as their folder or, where others are, as the glob
+    that lists them, without its `*?[]`: `walks/a_*.csv` is `walks.a_`. `DataError` for files that differ in nothing but
+    their suffix.
     """
-    stems, paths = [stem_of(one.path) for one in recordings], [_path_name(one) for one in recordings]
+    stems, paths = [_stem(one) for one in recordings], [_path_name(one) for one in recordings]
     names, before = stems, None
     while names != before:  # again, for a name without suffix may be another's path
         before = names
         names = [path if before.count(name) > 1 else name for name, path in zip(before, paths, strict=True)]
     if twice := next((name for name in names if names.count(name) > 1), None):
         one, other, *_ = (number for number, name in enumerate(names) if name == twice)
+        remedy = "give the files different names, not only suffixes, or leave one out"
+        if recordings[one].people:
+            remedy = "put the files of each entry into a folder of their own"
         raise DataError(
             f"{source}: two recordings are named {stems[one]}: {_told(recordings[one])} and "
-            f"{_told(recordings[other])}; give the files different names, not only suffixes, or leave one out"
+            f"{_told(recordings[other])}; {remedy}"
         )
     return names
 
 
-def check_different(source: str | Path, recordings: Iterable[Recording]) -> None:
+def check_different(source: str | Path, files: Iterable[Recording], recordings: Iterable[Recording]) -> None:
     """Whether no file is listed twice, and none holds the same bytes as another; `DataError` that names both.
 
-    Files are read only where their sizes are the same, and beyond their beginnings only where these are. What does not
-    exist or cannot be read is somebody else's error.
+    `files` are the recordings file by file. Files are read only where their sizes are the same, and beyond their
+    beginnings only where these are; not those of one person each, of whom several may have no row, so that they are
+    alike. What does not exist or cannot be read is somebody else's error.
     """
-    recordings = list(recordings)
-    for one, other in _alike(recordings, [_identity]):
+    for one, other in _alike(list(files), [_identity]):
         if _told(one) == _told(other):
             raise DataError(f"{source}: recordings: {_told(one)} is listed twice; leave one out, or narrow a glob")
         raise DataError(f"{source}: recordings: {_told(one)} and {_told(other)} are the same file; leave one out")
-    plain = [one for one in recordings if one.exists and one.member is None]
+    plain = [one for one in recordings if one.exists and one.member is None and not one.people]
     for one, other in _alike(plain, [_size, _head, lambda one: file_sha256(one.stored)]):
         raise DataError(
             f"{source}: recordings: {_told(one)} and {_told(other)} hold the same bytes, so that the same people would "
@@ -153,11 +158,20 @@ def _stored(file: str | Path) -> tuple[str, str | None]:
 
 
 def _told(recording: Recording) -> str:
-    """A recording's path under the data root, for messages."""
-    return f"{recording.file}/{recording.member}" if recording.member else recording.file
+    """A recording's path under the data root, for messages; of several people the glob that lists them."""
+    return os.path.normpath(os.path.join(recording.file, os.path.relpath(recording.path, recording.stored)))
+
+
+def _stem(recording: Recording) -> str:
+    """The name of a recording's file, or of the folder that its people's are in, without suffixes."""
+    people = [Path(one).parent for one in recording.people]
+    return stem_of(os.path.commonpath(people) if people else recording.path)
 
 
 def _path_name(recording: Recording) -> str:
-    """A recording's path under the data root, without its suffixes and slashes."""
+    """A recording's path under the data root, without its suffixes and slashes, nor the marks of a glob."""
     *folders, _ = Path(_told(recording)).parts
-    return ".".join(part.replace(".", "..") for part in (*folders, stem_of(recording.path)))
+    parts = [*folders, stem_of(recording.path)]
+    if recording.people:
+        parts = [plain for part in parts if (plain := re.sub(r"[*?[\]]", "", part))]
+    return ".".join(part.replace(".", "..") for part in parts)
