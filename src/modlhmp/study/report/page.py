@@ -81,7 +81,9 @@ def _numbered(layout, exhibits):
     numbers: dict[str, int] = {}
     for one in exhibits:
         numbers[one["form"]] = numbers.get(one["form"], 0) + 1
-        found.setdefault(one["section"], []).append({**one, **_content(one, layout.here(one["stem"])), "number": numbers[one["form"]]})
+        found.setdefault(one["section"], []).append(
+            {**one, **_content(one, layout.here(one["stem"])), "number": numbers[one["form"]]}
+        )
     return found
 
 
