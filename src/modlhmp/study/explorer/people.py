@@ -127,10 +127,10 @@ def _shown(forecast):
     other[np.arange(n)[:, None], most_likely(forecast.log_fitness, longest_lived(forecast.steps_alive, steps))] = False
     number = max(MOST_FUTURES, int((~other).sum(axis=1).max(initial=0)))
     order = np.sort(np.argsort(other, axis=1, kind="stable")[:, :number], axis=1)
-    parts = (
+    xy, log_fitness, lives = (
         np.take_along_axis(one, order.reshape(*order.shape, *[1] * (one.ndim - 2)), axis=1) for one in forecast[:3]
     )
-    return Forecast(*parts, forecast.output)
+    return Forecast(xy, log_fitness, lives, forecast.output)
 
 
 def _first_forecasts(file, wanted) -> Forecast | None:
