@@ -12,6 +12,7 @@ import pandas as pd
 from snakemake.exceptions import WorkflowError
 from snakemake.utils import min_version
 
+from modlhmp.settings import as_plain
 from modlhmp.storage import DataError
 from modlhmp.study.exhibits.sites_table import write_sites
 from modlhmp.study.sweep import load_sweep
@@ -97,7 +98,7 @@ rule gather:
     params:
         sites=SWEEP.names,
         reference=SWEEP.settings.reference,
-        demo=is_demo(),
+        demo=lambda wildcards: is_demo(),  # asked of all sites, so not by jobs of one
         code=project_version(ROOT),
     message:
         "The table across {SWEEP.settings.sweep}'s sites"
@@ -120,6 +121,7 @@ rule site:
         runtime=240,
     params:
         configuration=lambda wildcards: SWEEP.site(wildcards.site).configuration,
+        run=lambda wildcards: as_plain(SWEEP.site(wildcards.site).plan.run),  # with what is in the default files
         written=lambda wildcards: SWEEP.configuration(wildcards.site),
         horizons=lambda wildcards: [
             seconds

@@ -6,6 +6,7 @@ from explored_run import HALL, METHODS, RECORDINGS, YARD, make_run
 from modlhmp.storage import write_json, write_text
 from modlhmp.study.exhibits import style
 from modlhmp.study.exhibits.table_forms import write_table
+from modlhmp.study.layout import Layout
 from modlhmp.study.report import page
 from modlhmp.study.report.rule_graph import RuleGraph
 
@@ -23,24 +24,28 @@ NOTE = "<script>no</script> & **bold**"  # a configuration may say anything
 
 
 def exhibits(layout, datasets):
-    """Figures of errors for each dataset, a table, and the explorer, which nothing has made."""
+    """Figures of errors for each dataset, a table, and the explorer, which nothing has made.
+
+    A job is told paths of the project's folder, wherever the files lie.
+    """
+    told = Layout(layout.run)
     shared = {"paper": "", "caption": f"What it shows. {NOTE}"}
     found = [
         {**shared, "section": "errors", "form": "table", "title": "results", "of": "",
-         "stem": layout.exhibit("tab_expres")},
+         "stem": told.exhibit("tab_expres")},
         *({**shared, "section": "errors", "form": "figure", "title": "errors against horizon", "of": one.title,
-           "stem": layout.exhibit(f"{one.label}_final")} for one in datasets),
+           "stem": told.exhibit(f"{one.label}_final")} for one in datasets),
         {**shared, "section": "explorer", "form": "page", "title": "explorer", "of": "",
-         "stem": layout.exhibit("explorer")},
+         "stem": told.exhibit("explorer")},
     ]  # fmt: skip
     for one in found:
         if one["form"] == "figure":
             fig, axes = style.figure(1, 1, style.PAGE_MM)
             axes[0, 0].plot([0, 1], [0, 1])
-            style.save(fig, one["stem"], pd.DataFrame({"x": [0, 1]}), False)
+            style.save(fig, layout.here(one["stem"]), pd.DataFrame({"x": [0, 1]}), False)
         elif one["form"] == "table":
             table = pd.DataFrame({"method": ["**A**", "B <i>"], "ADE": ["1.00", "2.00"]})
-            write_table(table, one["stem"], "Results", False, "A note.", [("Others", table)])
+            write_table(table, layout.here(one["stem"]), "Results", False, "A note.", [("Others", table)])
     return found
 
 
@@ -54,8 +59,8 @@ def make_report(layout, datasets=(HALL, YARD), **changes):
     if changes.pop("claims", True):
         rows = [("complete", "supported"), ("complete", "not shown"), ("paper", "contradicted"), ("", "not tested")]
         told = pd.DataFrame(rows, columns=["protocol", "verdict"])
-        stem = layout.exhibit("claims")
-        write_table(told, stem, "Claims", False)
+        stem = Layout(layout.run).exhibit("claims")
+        write_table(told, layout.here(stem), "Claims", False)
         shown.append({"section": "claims", "form": "table", "title": "claims", "of": "", "stem": stem, "paper": "",
                       "caption": "Every claim."})  # fmt: skip
     methods = [{"name": name, "title": title, "kind": name, "of": title, "published": name != "snippets", "seeds": 1}

@@ -9,15 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explored_run import HALL, LONE_Y, METHODS, YARD, crowd, make_page
+from explored_run import HALL, LONE_Y, METHODS, YARD, crowd, forecasts, make_page
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from modlhmp.forecasting.base import Forecast
+from modlhmp.forecasting.files import write_forecasts
 from modlhmp.methods import build_map
+from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import column, read_parquet, write_parquet
 from modlhmp.study.explorer.look import ASSETS, SCRIPTS, page
 from modlhmp.study.explorer.pack import Digits, packed, unpacked
+from modlhmp.study.explorer.people import MOST_FUTURES, people
 from modlhmp.study.explorer.places import LEAST_PEOPLE, Crowd, distinct, flow, likeliest, places, read_crowd
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import main_output, read_errors
@@ -292,15 +296,11 @@ def test_a_person_is_who_was_recorded(tree):
     assert people["clock"][2] == pytest.approx(9 + 3 / 60 + 3 / 3600, abs=1e-3)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_the_paths_shown_have_the_errors_of_the_tables(run, tree, method):
+def assert_errors_are_those_of_tables(people, method, errors_file):
     """ADE of what the page calls the result is that of the errors file, complete protocol, at every step."""
-    people, steps = tree["sets"][0]["people"], HALL.steps
-    one = people["methods"][method]
-    k = one["futures"]
-    paths = one["xy"].reshape(25, k, 2, steps)
-    best = one["best"].reshape(25, steps).astype(int)
-    errors = read_errors(run[0].errors("hall", method))
+    one, steps = people["methods"][method], HALL.steps
+    paths = np.asarray(one["xy"]).reshape(25, one["futures"], 2, steps)
+    errors = read_errors(errors_file)
     (of,) = (
         errors[key]
         for key in errors
@@ -311,8 +311,32 @@ def test_the_paths_shown_have_the_errors_of_the_tables(run, tree, method):
     for person in range(24):
         row = by_key[f"tuesday/{person + 1}"]
         for step in (1, 5, steps):
-            away = np.hypot(*(paths[person, best[person, step - 1]] - truth[person]))[:step].mean()
+            best = [int(one["best"].reshape(25, steps)[person, step - 1])]
+            results = paths[person, slice(None) if one["output"] == "mean" else best]
+            away = np.hypot(*np.moveaxis(results - truth[person], 1, 0))[:, :step].mean()
             assert away == pytest.approx(of.ade[0, row, step - 1], abs=0.03)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_the_paths_shown_have_the_errors_of_the_tables(run, tree, method):
+    assert_errors_are_those_of_tables(tree["sets"][0]["people"], method, run[0].errors("hall", method))
+
+
+@pytest.mark.parametrize("output", ["ranked", "likeliest", "mean"])
+def test_so_have_those_of_more_futures_than_are_shown(tmp_path, output):
+    """Whichever is the best at a step is among them, though it be the last."""
+    layout, rng = Layout("small", str(tmp_path)), np.random.default_rng(3)
+    tested, k = crowd(seed=1), 2 * MOST_FUTURES
+    ids, _ = forecasts(tested, "cvm")
+    xy = np.cumsum(rng.normal(0, 1, (len(ids), k, HALL.steps, 2)), axis=2).astype(np.float32)
+    fitness = np.cumsum(rng.normal(-1, 1, (len(ids), k, HALL.steps)), axis=2).astype(np.float32)
+    many = Forecast(xy, fitness, rng.integers(1, HALL.steps + 1, (len(ids), k)).astype(np.int32), output)
+    write_tracks(tested, layout.tracks("hall", "tuesday"))
+    write_forecasts(layout.forecast("hall", "many", "tuesday"), [(7, ids, many)])
+    write_parquet(score_recording(tested, [(7, ids, many)], "tuesday", HALL), tmp_path / "errors.parquet")
+    found = unpacked(packed(people(layout, HALL, ["tuesday"], ["many"])))
+    assert_errors_are_those_of_tables(found, "many", tmp_path / "errors.parquet")
+    assert found["methods"]["many"]["futures"] == (k if output == "mean" else MOST_FUTURES)
 
 
 def test_modes_are_samples_with_probabilities_that_sum_to_one(tree):

@@ -4,12 +4,18 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pytest
+from explored_run import crowd, forecasts
+from job import run_job
 
 from modlhmp.datasets import Dataset
+from modlhmp.forecasting.files import write_forecasts
 from modlhmp.scoring.likelihood import ACCOUNTINGS, PRINTED, SUMMARY
+from modlhmp.settings import as_plain
+from modlhmp.site import Site
 from modlhmp.storage import write_parquet
 from modlhmp.study.exhibits import likelihood_figure, likelihood_given_table, likelihood_table
 from modlhmp.study.likelihood import ALL_HOURS, NO_MAP
+from modlhmp.tracks import write_tracks
 
 HALL = Dataset(name="hall", title="Hall", label="atc", reader="atc", time_step_s=1.0, horizon_s=12.0, demo=True)
 TITLES = {"cliff": "CLiFF"}
@@ -87,3 +93,21 @@ def test_the_table_of_next_velocities_by_hand(layout, tmp_path):
     ]
     assert table.loc[0, "method"] == "nothing of the walker"
     assert "**1.000**" in (tmp_path / "t.md").read_text(encoding="utf-8")
+
+
+def test_forecasts_from_outside_are_read_by_their_own_seed(layout):
+    """Theirs is 0, whatever the run's are: they would count as no forecast at all."""
+    tracks, file = crowd(), layout.tracks("hall", "day")
+    write_tracks(tracks, file)
+    for name, seed in (("ours", 5), ("theirs", 0)):
+        write_forecasts(layout.forecast("hall", name, "day"), [(seed, *forecasts(tracks, "snippets"))])
+    params = {"run": layout.run, "made": {}, "methods": ["ours", "theirs"], "samples": 40, "recordings": ["day"],
+              "dataset": as_plain(Site(horizon_s=12.0)), "days": {"day": "2030-03-17"}, "seed": 5}  # fmt: skip
+    tables = {name: layout.likelihood("hall", name) for name in ("given", "given_pairs")}
+    done = run_job(
+        "measure_given", input={"tracks": [file], "exits": []}, output=tables, params=params,
+        wildcards={"dataset": "hall"}, log={"it": layout.log("measure_given", "hall")},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    given = pd.read_parquet(tables["given"]).set_index("method")
+    assert given.loc["ours", "covered"] == given.loc["theirs", "covered"] == 1

@@ -1,13 +1,12 @@
 """The runtime study, without timing anything: what it counts and what it copies; and what a forecast costs."""
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from job import run_job
 
 from modlhmp.maps import cliff, exits, stef
 from modlhmp.methods import Method, make_forecaster
@@ -40,10 +39,13 @@ def task_of(layout, number, kind="tc_cliff"):
 
 
 def run(layout, number):
-    """What the module prints for so many test people."""
+    """What its job, whose files lie elsewhere than in the working folder, measures for so many test people."""
     write_parquet(cliff.build(people(60), HALL), layout.map_hour("hall", "tc_cliff", 17))  # 1.9e9 is 17:46 UTC
-    command, task = [sys.executable, "-m", "modlhmp.study.runtime"], json.dumps(task_of(layout, number))
-    return subprocess.run(command, input=task, capture_output=True, text=True, check=False, timeout=300)
+    task = task_of(layout, number)
+    del task["root"]
+    found, log = layout.runtime("hall"), layout.log("measure_runtime", "hall")
+    done = run_job("measure_runtime", input={"exits": []}, output={"it": found}, log={"it": log}, params=task)
+    return done, json.loads(Path(found).read_text()) if done.returncode == 0 else None
 
 
 def test_exponent_of_exact_powers():
@@ -76,9 +78,8 @@ def test_copies_of_a_map_are_out_of_reach():
 
 def test_a_measurement(layout):
     """All quantities, with their units; counts exact; the copied maps gave the same forecasts, or it would fail."""
-    done = run(layout, 40)
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
+    done, result = run(layout, 40)
+    assert result, done.stderr
     assert (result["tracks"], result["k"], result["maps"], result["horizon_s"]) == (25, 3, 1, 12.0)
     assert result["map_kb"] == pytest.approx(Path(layout.map_hour("hall", "tc_cliff", 17)).stat().st_size / 1000)
     assert 50 < result["memory_of_imports_mb"] < result["memory_mb"] < 1000
@@ -144,10 +145,10 @@ def test_a_map_is_copied_until_it_is_as_wide_as_maps_may_be(layout, monkeypatch)
 
 def test_too_few_people(layout):
     """One track can be measured, its growth has no exponent in N; none at all is said."""
-    result = json.loads(run(layout, 1).stdout)
+    _, result = run(layout, 1)
     assert result["tracks"] == 1
     assert np.isnan(result["exponents"]["N"][0])
-    done = run(layout, 0)
+    done, _ = run(layout, 0)
     assert done.returncode == 1
     assert "hall: no usable test track" in done.stderr
     assert "Traceback" not in done.stderr

@@ -1,5 +1,7 @@
 """Many sites: what a list of sites may say, and one table across them whose tests are by site."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,7 +9,7 @@ import yaml
 from scipy import stats
 
 from modlhmp.datasets import load_dataset
-from modlhmp.storage import DataError
+from modlhmp.storage import DataError, write_parquet
 from modlhmp.study.configuration import load_datasets, load_run
 from modlhmp.study.exhibits.sites_table import write_sites
 from modlhmp.study.layout import Layout
@@ -54,6 +56,27 @@ def test_a_site_is_a_run_of_its_dataset_with_every_method_against_the_reference(
     assert ["cliff", "cvm"] in site.plan.tested_pairs
     assert sweep.site("north").plan.run.seeds == (0, 1, 2)  # of config.yaml
     assert set(sweep.files("s-2")) == {"south.csv", str(sweep.folders[0] / "south.yaml")}
+
+
+def test_a_site_s_files_are_all_that_its_run_reads_and_does_not_make(listed, tmp_path):
+    """So that a change of any runs it again."""
+    dataset = tmp_path / "north.yaml"
+    dataset.write_text(dataset.read_text() + "floor_plan: plan.yaml\n")
+    (tmp_path / "plan.yaml").write_text(
+        "image: plan.pgm\nresolution: 1.0\norigin: [0, 0, 0]\noccupied_thresh: 0.6\nfree_thresh: 0.3\n"
+    )
+    others = ["plan.yaml", "plan.pgm", "theirs.parquet", "given/forecasts.csv", "given/forecasts.json"]
+    (tmp_path / "given").mkdir()
+    for name in others[1:]:
+        (tmp_path / name).touch()
+    write_parquet({"x": np.zeros(1)}, tmp_path / "theirs.parquet", kind="cliff", site={})
+    (tmp_path / "given/forecasts.json").write_text('{"task": "one"}')
+    methods = {"theirs": {"inherits": "cliff", "file": "theirs.parquet"}}
+    methods["handed"] = {"kind": "forecasts", "folder": "given"}
+    sweep = listed({"north": {"compare": ["cvm", *methods], "methods": methods}})
+    assert {Path(file).name for file in sweep.files("north")} == {
+        *(Path(name).name for name in others), "north.csv", "north.yaml",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

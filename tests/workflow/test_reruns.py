@@ -127,6 +127,11 @@ def test_an_edit_of_a_kind_s_code_forecasts_its_methods_alone(jobs, module, meth
     assert methods_after(jobs, module, "score_method") >= methods
 
 
+def test_an_edit_of_a_forecaster_draws_again_what_forecasts_with_it_itself(jobs):
+    """The density shows more of snippets' futures than their files keep."""
+    assert "figure_density" in rules_after(jobs, "forecasting.chain")
+
+
 def test_an_edit_of_constant_velocity_is_one_of_those_who_fall_back_on_it(jobs):
     """Maps with memory do where they remember nobody."""
     assert "cvm" in methods_after(jobs, "forecasting.cvm")

@@ -68,11 +68,16 @@ def test_one_failing_site_loses_no_other(plazas):
     assert table["left_out"].str.startswith("broken: its run failed").all()
 
 
+def of_north(project):
+    """The command for a list of the site that went well."""
+    (project.folder / "north.yaml").write_text(SITES.replace("  broken:\n", ""))
+    return [one.replace("sites.yaml", "north.yaml") if isinstance(one, str) else one for one in SWEEP]
+
+
 def test_the_table_of_sites_that_all_went_well(plazas):
     """Is made by its rule, not after a failure."""
     project, _ = plazas
-    (project.folder / "north.yaml").write_text(SITES.replace("  broken:\n", ""))
-    command = [one.replace("sites.yaml", "north.yaml") if isinstance(one, str) else one for one in SWEEP]
+    command = of_north(project)
     table = project.folder / "paper_figures/sweeps/plazas/sites.csv"
     of_failed = table.read_text()
     table.unlink()
@@ -99,6 +104,28 @@ def test_the_table_is_of_the_site_s_own_run(plazas):
 def test_a_rerun_does_only_what_is_missing(plazas):
     project, _ = plazas
     assert planned(project.snakemake(*SWEEP, "--dry-run")) == {"gather": 1, "site": 1, "sweep": 1}
+
+
+def test_a_change_of_the_default_configuration_runs_a_site_again(plazas):
+    """Though the list of sites says the same."""
+    project, _ = plazas
+    file = project.folder / "config/config.yaml"
+    text = file.read_text()
+    assert "site" not in planned(project.snakemake(*of_north(project), "--dry-run"))
+    file.write_text(text.replace('"CVM, positions"', '"CVM, of positions"'))
+    assert planned(project.snakemake(*of_north(project), "--dry-run"))["site"] == 1
+    file.write_text(text)
+
+
+def test_a_site_s_job_reads_no_other_site(plazas):
+    """Of a long list every job would read all."""
+    project, _ = plazas
+    file = project.folder / "config/datasets/broken.yaml"
+    text = file.read_text()
+    file.write_text("reader: nothing\n")
+    job = ("--mode", "subprocess", "--dry-run", "--forcerun", "site", "--", "results/sweeps/plazas/north.parquet")
+    assert "broken" not in project.snakemake(*SWEEP, *job)
+    file.write_text(text)
 
 
 def test_what_is_wrong_is_said_before_anything_runs(plazas):

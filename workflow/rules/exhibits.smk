@@ -53,7 +53,7 @@ for exhibit in EXHIBITS:
                 PLAN, shown_in(exhibit, wildcards)
             ),
             caption=exhibit.caption_in(PLAN),
-            code=code_of("draw_exhibit", exhibit.module),
+            code=code_of("draw_exhibit", *exhibit.code(PLAN)),
         message:
             f"{exhibit.form.capitalize()} {stem}".replace(
                 "{label}", "{wildcards.label}"

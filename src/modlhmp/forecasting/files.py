@@ -92,3 +92,14 @@ def read_forecasts(path: str | Path) -> Iterator[tuple[int, np.ndarray, Forecast
             xy.reshape(n, k, steps, 2), fitness.reshape(n, k, steps), alive.reshape(n, k), shape["output"]
         )
         yield table["seed"][0].as_py(), column(table, "track_id"), forecast
+
+
+def first_seed(
+    forecasts: Iterable[tuple[int, np.ndarray, Forecast]],
+) -> Iterator[tuple[int, np.ndarray, Forecast]]:
+    """Those of the seed that comes first, which one from outside has numbered in its own way."""
+    first = None
+    for one in forecasts:
+        first = one[0] if first is None else first
+        if one[0] == first:
+            yield one

@@ -24,6 +24,7 @@ SAMPLES = 40  # of a distribution, so that every method is judged by as many
 BEST_OF = 5
 MISSED_M = 2.0  # a miss: the best of a few is farther from the truth
 LEAST_LOG_DENSITY = -20.0  # so that one who is far from all samples does not decide the mean
+FITTED = ("median", "mean_path")  # outputs that are no sample, but lie amid all of them
 OF_MODES = ("modes_ade_m", "modes_fde_m", "modes_brier_m")
 MEASURES = (
     "energy_m", "kde_nll", "best_ade_m", "best_fde_m", "missed", *OF_MODES,
@@ -47,8 +48,8 @@ def score_samples(
     track is shorter: `energy_m` the energy score [m], `kde_nll` what the function says [nat], `best_ade_m` and
     `best_fde_m` the best of the first five samples [m], `missed` (0 or 1) whether that FDE is over 2 m, those of
     `OF_MODES` what `mode_errors` says, NaN for a method of another output, `mean_ade_m` and `mean_fde_m` the mean ADE
-    and FDE of the distribution's samples, `expected_m` and `real_m` the distance of the method's own output from its
-    samples and from the truth [m]; `samples` how many the distribution has. `left` is the probability that the person
+    and FDE of the distribution's samples, `expected_m` and `real_m` what `expected_error` says and the distance of the
+    same outputs from the truth [m]; `samples` how many the distribution has. `left` is the probability that the person
     has left by then, `has_left` (0 or 1) whether they had; these two are known for every track. Empty without a
     usable track (or scene).
     """
@@ -87,14 +88,16 @@ def measures(
     for column, step in enumerate(steps):
         points, at = still_there(xy, steps_alive, repeated, step), truth[:, step - 1]
         first, counted = of_distribution(steps_alive, repeated, step)
+        # The error of a mean is the mean error of its samples, each of which is the output in turn.
+        outputs = points if forecast.output == "mean" else output[:, None, step - 1]
         now = {
             "energy_m": energy_score(points, at),
             "kde_nll": kde_nll(points, at),
             **{f"best_{name}": one[:, :BEST_OF, step - 1].min(axis=1) for name, one in errors.items()},
             **{f"mean_{name}": _mean_of(one[:, :, step - 1], first, counted) for name, one in errors.items()},
             **mode_errors(forecast, truth, step),
-            "expected_m": nan_mean(distance(points, output[:, None, step - 1]), axis=1),
-            "real_m": distance(output[:, step - 1], at),
+            "expected_m": expected_error(points, outputs, forecast.output in FITTED),
+            "real_m": nan_mean(distance(outputs, at[:, None]), axis=1),
             "samples": np.isfinite(points[..., 0]).sum(axis=1),
         }
         now["missed"] = now["best_fde_m"] > MISSED_M
@@ -194,6 +197,18 @@ def energy_score(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
     number = np.isfinite(points[..., 0]).sum(axis=1)
     between = np.nansum(distance(points[:, :, None], points[:, None]), axis=(1, 2))
     return nan_mean(distance(points, truth[:, None]), axis=1) - between / np.maximum(2 * number * (number - 1), 1)
+
+
+def expected_error(points: np.ndarray, outputs: np.ndarray, fitted: bool) -> np.ndarray:
+    """Error [n] in m that samples [n, m, 2] (NaN: none) expect of outputs [n, o, 2] (NaN: none), the mean over these.
+
+    Of each it is the sum of its distances from the samples, divided by the number of the others: a sample that is the
+    output itself, at distance 0, says nothing of what else may happen. An output that is `fitted` to n samples is
+    nearer to them than to the truth, about as if it were one of them: so n - 1, as in a variance. NaN without others.
+    """
+    apart = distance(points[:, :, None], outputs[:, None])
+    others = np.isfinite(apart).sum(axis=1) - (fitted | (apart == 0).any(axis=1))
+    return nan_mean(np.where(others > 0, np.nansum(apart, axis=1) / np.maximum(others, 1), np.nan), axis=1)
 
 
 def kde_nll(points: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from modlhmp.storage import column, read_metadata, read_parquet
 BINS = 10
 COLUMNS = (
     "dataset", "method", "horizon_s", "energy_m", "kde_nll", "best_ade_m", "best_fde_m", "missed", *OF_MODES,
-    "expected_m", "real_m", "ratio", "samples", "n", "brier", "brier_base", "left_share", "n_left",
+    "expected_m", "real_m", "ratio", "n_ratio", "samples", "n", "brier", "brier_base", "left_share", "n_left",
 )  # fmt: skip
 
 
@@ -36,7 +36,7 @@ def read_uncertainty(path: str | Path) -> tuple[list[float], dict[str, np.ndarra
     values["brier"] = (values["left"] - values["has_left"]) ** 2
     number = np.bincount(track)[:, None]
     means = {}
-    for name, one in values.items():  # a track has a value from every seed or from none
+    for name, one in values.items():  # NaN where any seed's is
         total = np.zeros((len(number), len(horizons)))
         np.add.at(total, track, one)
         means[name] = total / number
@@ -48,18 +48,21 @@ def summarise(
 ) -> pd.DataFrame:
     """One row per horizon (`COLUMNS`): means over tracks of what `read_uncertainty` gives of a method on a dataset.
 
-    `ratio`: real error by expected error, above 1 for a method that is too sure of itself. `n` tracks are long enough;
-    having left is known of all `n_left`. `brier_base` is the score of always forecasting the share that has left.
+    `ratio`: real error by expected error, above 1 for a method that is too sure of itself, of the `n_ratio` tracks that
+    have both: one sample alone expects nothing. `n` tracks are long enough; having left is known of all `n_left`.
+    `brier_base` is the score of always forecasting the share that has left.
     """
     rows = []
     for place, horizon in enumerate(horizons_s):
         at = {name: one[:, place] for name, one in by_track.items()}
         mean = {name: float(nan_mean(one, axis=0)) for name, one in at.items()}
         share = mean["has_left"]
+        both = np.isfinite(at["expected_m"]) & np.isfinite(at["real_m"])
+        expected, real = (float(nan_mean(at[name][both], axis=0)) for name in ("expected_m", "real_m"))
         rows.append((
             dataset, method, horizon,
             *(mean[name] for name in ("energy_m", "kde_nll", "best_ade_m", "best_fde_m", "missed", *OF_MODES)),
-            mean["expected_m"], mean["real_m"], mean["real_m"] / mean["expected_m"] if mean["expected_m"] else np.nan,
+            mean["expected_m"], mean["real_m"], real / expected if expected else np.nan, int(both.sum()),
             mean["samples"], int(np.isfinite(at["real_m"]).sum()), mean["brier"], share * (1 - share), share,
             len(at["has_left"]),
         ))  # fmt: skip

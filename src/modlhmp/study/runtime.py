@@ -43,13 +43,12 @@ APART_M = 100.0  # copies of a map lie out of reach of every roll-out
 def measure(task: Mapping[str, Any]) -> dict[str, Any]:
     """Measure one method whose map is sampled on one dataset.
 
-    `task`: `run` (and `root`, where its results do not lie in the folder of work), `dataset` (its settings as plain
-    values, with its `name`), `recordings` (names), at most `max_tracks` of whose tracks are used, and `method`
-    (`Method.plain()`), with `exits` the file of the ways out if it uses them. Returns times in s, memory in MB (10^6
-    bytes), sizes in kB.
+    `task`: `run` and `root` of its `Layout`, `dataset` (its settings as plain values, with its `name`), `recordings`
+    (names), at most `max_tracks` of whose tracks are used, and `method` (`Method.plain()`), with `exits` the file of
+    the ways out if it uses them. Returns times in s, memory in MB (10^6 bytes), sizes in kB.
     """
     at_start_mb = peak_mb()
-    layout, name = Layout(task["run"], task.get("root", ".")), task["dataset"]["name"]
+    layout, name = Layout(task["run"], task["root"]), task["dataset"]["name"]
     site, method = build(Site, task["dataset"]), Method.of(task["method"])
     if not find(method.kind).sampled:
         raise DataError(f"studies.method: {method.name} has no map to sample, so its runtime is not measured")

@@ -16,6 +16,7 @@ from annotated_types import MinLen
 from snakemake.utils import update_config
 
 from modlhmp.datasets import Dataset
+from modlhmp.exchange.maps import map_files
 from modlhmp.settings import check, option
 from modlhmp.storage import DataError
 from modlhmp.study.configuration import dataset_files, load_datasets, load_run
@@ -59,6 +60,7 @@ class Site(NamedTuple):
     plan: Plan
     dataset: Dataset
     missing: list[str]  # files of recordings that are not there and cannot be fetched
+    data_root: str
 
 
 @dataclass(frozen=True)
@@ -147,15 +149,23 @@ class Sweep:
         (dataset,) = found.values()
         fetched = {source.file for source in dataset.sources}
         absent = [one for one in dataset.recordings if not (dataset.demo or one.exists or one.file in fetched)]
-        return Site(own, Plan(run, layout, found), dataset, list(dict.fromkeys(one.stored for one in absent)))
+        return Site(own, Plan(run, layout, found), dataset, list(dict.fromkeys(one.stored for one in absent)), root)
 
     def files(self, name: str) -> list[str]:
-        """The files that a site's run reads and does not make: its dataset file, its recordings."""
+        """The files that a site's run reads and does not make, of those that are there.
+
+        Its dataset file, recordings and floor plan, published maps, and forecasts from outside.
+        """
         site = self.site(name)
-        (file,) = site.plan.run.datasets
-        recordings = [] if site.dataset.demo else [path for one in site.dataset.recordings for path in _files(one)]
-        there = (path for path in recordings if Path(path).exists())
-        return list(dict.fromkeys([str(dataset_files(self.folders)[file]), *there]))
+        plan, (file,) = site.plan, site.plan.run.datasets
+        found = [str(dataset_files(self.folders)[file])]
+        if not site.dataset.demo:
+            found += [*(path for one in site.dataset.recordings for path in _files(one)), *site.dataset.floor_plan]
+        for method in plan.published:
+            found += map(str, map_files(Path(site.data_root) / plan.run.entries[method].file))
+        for method in plan.handed_in:
+            found += plan.hand_in_files(site.dataset.name, method, site.data_root)
+        return [path for path in dict.fromkeys(found) if Path(path).exists()]
 
     def check(self) -> None:
         """`DataError` that names every site that cannot run, and why, and those that are not two."""

@@ -47,7 +47,8 @@ def draw(
     handles.append(style.plt.Line2D([], [], **EXACT))
     note = (
         "Means in ten bins, bars: their 95 % intervals; hollow: fewer than five tracks.\n"
-        "Errors: bins of equally many tracks; above the line, a method is too sure of itself.\n"
+        "Errors: bins of equally many tracks; above the line, a method is too sure of itself; "
+        "one sample alone expects no error.\n"
         "Having left: bins of equally wide probability; above the line, more people have left than announced."
     )
     style.legend_below(fig, handles, [*(methods[method] for method in measured), "as announced"], note, most=5)

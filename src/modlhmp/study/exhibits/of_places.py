@@ -79,8 +79,7 @@ def _sampled(plan: Plan) -> str | None:
 def _density(plan: Plan, datasets: list[Dataset]) -> list[str]:
     files, shown = [], _sampled(plan)
     for dataset in datasets:
-        files += plan.tracks(dataset.name, "test")
-        files.append(plan.layout.errors(dataset.name, next(iter(plan.titles))))
+        files += [*plan.tracks(dataset.name, "test"), plan.layout.errors(dataset.name, next(iter(plan.titles)))]
         for found in (plan.map_of(dataset.name, shown), plan.exits_of(dataset.name, shown)) if shown else ():
             files += [found] if isinstance(found, str) else found
         if shown and not plan.run.kind(shown).has_map:
@@ -282,6 +281,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "the paper protocol, that of the median ADE of the first compared method.",
         needs=_density,
         asks=_density_asks,
+        forecasts=_sampled,
         wanted=_measures,
         lacks=(lacks.NO_TRACK,),
     ),

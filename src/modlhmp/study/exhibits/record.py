@@ -40,6 +40,7 @@ class Exhibit:
     caption: str | Callable[[Plan], str]
     needs: Needs
     asks: Asks = lambda plan, datasets: {}
+    forecasts: Callable[[Plan], str | None] = lambda plan: None  # the method that it forecasts with itself
     wanted: Callable[[Plan], bool] = lambda plan: True
     lacks: tuple[Lack, ...] = ()  # what a dataset may not have of it, and what is shown instead
     of_folds: bool = False  # where a run is evaluated on folds, those exhibits are made that pool them, else the others
@@ -59,6 +60,11 @@ class Exhibit:
     def made_in(self, plan: Plan) -> bool:
         """Whether a run makes it."""
         return self.of_folds == (plan.run.evaluate_on == "folds") and self.wanted(plan)
+
+    def code(self, plan: Plan) -> list[str]:
+        """Modules that it is drawn with: its own, and those of the method that it forecasts with."""
+        method = self.forecasts(plan)
+        return [self.module, *(plan.run.kind(method).code if method else ())]
 
     def caption_in(self, plan: Plan) -> str:
         """Its caption in a run."""

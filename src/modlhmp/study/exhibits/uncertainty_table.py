@@ -22,6 +22,7 @@ HEADINGS = {
     "expected_m": "expected error [m]",
     "real_m": "real error [m]",
     "ratio": "real / expected",
+    "n_ratio": "real / expected: n",
     "samples": "samples",
     "n": "n",
     "brier": "has left: Brier",
@@ -33,6 +34,7 @@ FORMS = {
     "ratio": "{:.2f}",
     "samples": "{:.1f}",
     "n": "{:.0f}",
+    "n_ratio": "{:.0f}",
     "n_left": "{:.0f}",
     "left_share": "{:.1f}",
     "missed": "{:.1f}",
@@ -77,8 +79,10 @@ def draw(
         f"Distributions are of the first {SAMPLES} samples that are still there, given that the person is; `samples` "
         "says how many that were, a repeated one counted once. Energy score: lower is better. KDE-NLL: of the truth "
         "under a Gaussian kernel estimate of three samples or more, at most 20. Expected error: mean distance of the "
-        "samples from the method's own output; real error: that output's FDE, complete protocol. A method that is as "
-        "sure as it may be has a ratio of 1, one that is too sure a larger one. Has left: the probability that the "
+        "method's own output from the other samples (a median's: their sum divided by one less than their number), of "
+        "two samples or more; real error: that output's FDE, complete protocol; where the output is the mean error, "
+        "both are means over every sample as the output. A method that is as sure as it may be has a ratio of 1, one "
+        "that is too sure a larger one; it is of the tracks that have both errors. Has left: the probability that the "
         "person's track ends before the horizon. Means over a track's seeds, then over tracks."
     )
     if OF_MODES[0] in shown:

@@ -8,7 +8,7 @@ import numpy as np
 
 from modlhmp.datasets import Dataset
 from modlhmp.forecasting.base import RESULTS, Forecast
-from modlhmp.forecasting.files import read_forecasts
+from modlhmp.forecasting.files import first_seed, read_forecasts
 from modlhmp.forecasting.modes import modes_of
 from modlhmp.forecasting.ranking import longest_lived, most_likely, rank_order
 from modlhmp.forecasting.windows import windows
@@ -19,7 +19,7 @@ from modlhmp.study.layout import Layout
 from modlhmp.tracks import clock_time, owner_ids, read_tracks
 
 MOST_PEOPLE = 100  # of a dataset
-MOST_FUTURES = 20  # of a method, beside its result
+MOST_FUTURES = 20  # of a method, beside its results
 LEAST_SAMPLES = 10  # for modes and a density
 PLACE_M = 0.02
 
@@ -97,7 +97,7 @@ def _futures(files: Iterable[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
         return None
     output = found[0].output
     xy, log_fitness, lives = (np.concatenate(part) for part in list(zip(*found, strict=True))[:3])
-    forecast = Forecast(xy, log_fitness, lives, output).first(RESULTS.get(output, 0) + MOST_FUTURES)
+    forecast = _shown(Forecast(xy, log_fitness, lives, output))
     _, k, steps, _ = forecast.xy.shape
     results = forecast.results
     mode, chance = _modes(forecast)
@@ -116,17 +116,31 @@ def _futures(files: Iterable[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
     }
 
 
+def _shown(forecast):
+    """The forecast with every future that is its result after any number of steps, and others up to `MOST_FUTURES`."""
+    if forecast.output == "mean":  # of which all are
+        return forecast
+    if forecast.output in RESULTS:
+        return forecast.first(RESULTS[forecast.output] + MOST_FUTURES)
+    n, k, steps, _ = forecast.xy.shape
+    other = np.ones((n, k), bool)
+    other[np.arange(n)[:, None], most_likely(forecast.log_fitness, longest_lived(forecast.steps_alive, steps))] = False
+    number = max(MOST_FUTURES, int((~other).sum(axis=1).max(initial=0)))
+    order = np.sort(np.argsort(other, axis=1, kind="stable")[:, :number], axis=1)
+    xy, log_fitness, lives = (
+        np.take_along_axis(one, order.reshape(*order.shape, *[1] * (one.ndim - 2)), axis=1) for one in forecast[:3]
+    )
+    return Forecast(xy, log_fitness, lives, forecast.output)
+
+
 def _first_forecasts(file, wanted) -> Forecast | None:
     """The first forecast of each wanted track by the file's first seed; None without the file, or one of them."""
     if not Path(file).exists():
         return None
     found: dict[int, tuple[Forecast, int]] = {}
-    first = None
-    for seed, track_ids, forecast in read_forecasts(file):
-        first = seed if first is None else first
-        if seed == first:
-            for row in np.flatnonzero(np.isin(track_ids, wanted)).tolist():
-                found.setdefault(int(track_ids[row]), (forecast, row))
+    for _, track_ids, forecast in first_seed(read_forecasts(file)):
+        for row in np.flatnonzero(np.isin(track_ids, wanted)).tolist():
+            found.setdefault(int(track_ids[row]), (forecast, row))
     if not set(wanted.tolist()) <= found.keys():
         return None
     rows = [found[one] for one in wanted.tolist()]

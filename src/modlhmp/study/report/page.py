@@ -32,11 +32,14 @@ def write(
     graph: RuleGraph,
     rules: Mapping[str, str],
 ) -> None:
-    """Write the page. What it says of the run is `about.about`; `rules` {rule: form} are those of exhibits."""
+    """Write the page. What it says of the run is `about.about`; `rules` {rule: form} are those of exhibits.
+
+    Exhibits' `stem`s are paths of the project's folder, and read where they lie in the layout.
+    """
     scores = read_scores(layout.scores)
     reached = {one.name: facts.best(scores, one, methods) for one in datasets}
     claims = next((one["stem"] for one in exhibits if one["section"] == "claims"), None)
-    told = pd.read_csv(f"{claims}.csv", dtype=str, keep_default_na=False) if claims else None
+    told = pd.read_csv(f"{layout.here(claims)}.csv", dtype=str, keep_default_na=False) if claims else None
     drawn = grouped(graph, lambda rule: MANY[rules[rule]] if rule in rules else rule)
     text = _template().render(
         run=layout.run,
@@ -50,7 +53,7 @@ def write(
         reached=reached,
         verdicts={} if told is None else facts.verdicts(told),
         limits={one.name: facts.limits(one, recordings[one.name], reached[one.name], settings) for one in datasets},
-        sections=_numbered(exhibits),
+        sections=_numbered(layout, exhibits),
         graph=Markup(picture(drawn, "Which rule of the run needs which")),
         rules=len(graph.needs),
         jobs=sum(graph.jobs.values()),
@@ -72,19 +75,20 @@ def _template():
     return made.get_template("report.html.jinja")
 
 
-def _numbered(exhibits):
+def _numbered(layout, exhibits):
     """The exhibits by section, in order, each with what the page shows: {section: [exhibit]}."""
     found: dict[str, list[dict[str, Any]]] = {}
     numbers: dict[str, int] = {}
     for one in exhibits:
         numbers[one["form"]] = numbers.get(one["form"], 0) + 1
-        found.setdefault(one["section"], []).append({**one, **_content(one), "number": numbers[one["form"]]})
+        found.setdefault(one["section"], []).append(
+            {**one, **_content(one, layout.here(one["stem"])), "number": numbers[one["form"]]}
+        )
     return found
 
 
-def _content(one):
-    """What is shown of an exhibit, and the files that lie beside the page."""
-    stem = one["stem"]
+def _content(one, stem):
+    """What is shown of an exhibit whose files are `stem` and suffixes, and the files that lie beside the page."""
     name = Path(stem).name
     if one["form"] == "figure":
         return {"picture": inline(f"{stem}.png"), "files": [f"{name}.{suffix}" for suffix in FIGURE_FORMS]}
