@@ -47,10 +47,14 @@ def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
         "studies.sampling_radius_m": studies.sampling_radius_m, "studies.training.shares": studies.training.shares,
         "uncertainty.methods": run.uncertainty.methods, "studies.occupied.methods": studies.occupied.methods,
         "likelihood.methods": run.likelihood.methods, "likelihood.given": run.likelihood.given,
+        "comparisons": run.comparisons,
     }  # fmt: skip
     for key, values in lists.items():
         if len(set(values)) < len(values):
             raise DataError(f"configuration, {key}: {list(values)} has non-unique elements")
+    for one, other in run.comparisons:
+        if one == other:
+            raise DataError(f"configuration, comparisons: {one} is compared with itself; name two methods")
     if 0 in run.studies.training.shares:
         raise DataError("configuration, studies.training.shares: 0: a share is above 0")
     _check_sections(run)
@@ -179,6 +183,11 @@ def _check_names(run: RunSettings) -> None:
             raise DataError(
                 f"configuration, studies.occupied.methods: {name} has no map with samples; methods that have one are "
                 f"of the kinds {', '.join(able)}"
+            )
+        if run.published(name):
+            raise DataError(
+                f"configuration, studies.occupied.methods: the map of {name} is a file, so it cannot be built of some "
+                "people only"
             )
     for name in run.uncertainty.methods:
         if not run.kind(name).has_samples:
