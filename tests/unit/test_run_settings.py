@@ -289,7 +289,8 @@ def test_problems_under_numbers_and_names_are_told_side_by_side(config):
         ("datasets", ["zzz"], "no dataset named 'zzz'; known: "),
         ("datasets", ["demo_hall", "demo_hall"], "has non-unique elements"),
         ("seeds", [0, 0], "[0, 0] has non-unique elements"),
-        ("comparisons", [["tc_cliff", "cliff"]] * 2, "has non-unique elements"),
+        ("comparisons", [["tc_cliff", "cliff"]] * 2, "tc_cliff and cliff stand there twice; name a pair once"),
+        ("comparisons", [["tc_cliff", "cliff"], ["cliff", "tc_cliff"]], "cliff and tc_cliff stand there twice"),
         ("comparisons", [["cliff", "cliff"]], "cliff is compared with itself; name two methods"),
     ],
 )

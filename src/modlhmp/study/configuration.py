@@ -47,14 +47,18 @@ def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
         "studies.sampling_radius_m": studies.sampling_radius_m, "studies.training.shares": studies.training.shares,
         "uncertainty.methods": run.uncertainty.methods, "studies.occupied.methods": studies.occupied.methods,
         "likelihood.methods": run.likelihood.methods, "likelihood.given": run.likelihood.given,
-        "comparisons": run.comparisons,
     }  # fmt: skip
     for key, values in lists.items():
         if len(set(values)) < len(values):
             raise DataError(f"configuration, {key}: {list(values)} has non-unique elements")
-    for one, other in run.comparisons:
+    for number, (one, other) in enumerate(run.comparisons):
         if one == other:
             raise DataError(f"configuration, comparisons: {one} is compared with itself; name two methods")
+        if {(one, other), (other, one)} & set(run.comparisons[:number]):
+            raise DataError(
+                f"configuration, comparisons: {one} and {other} stand there twice; name a pair once, in one order: "
+                "both sides are tested"
+            )
     if 0 in run.studies.training.shares:
         raise DataError("configuration, studies.training.shares: 0: a share is above 0")
     _check_sections(run)
