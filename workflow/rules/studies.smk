@@ -157,6 +157,7 @@ rule measure_likelihood:
             for name in PLAN.mapped
         ],
         dataset=settings_of(*SITE_KEYS),
+        clock=lambda wildcards: DATASETS[wildcards.dataset].clock != "unknown",
         days=lambda wildcards: DATASETS[wildcards.dataset].days("test"),
         recordings=names_of("test"),
         max_tracks=RUN.studies.max_tracks,
