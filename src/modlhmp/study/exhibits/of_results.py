@@ -7,10 +7,13 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.kinds import find
 from modlhmp.study import lacks
+from modlhmp.study.claim_tests import of_the_paper
 from modlhmp.study.exhibits.record import MODULES, Exhibit, days_of
 from modlhmp.study.exhibits.words import SEED_MEANS
 from modlhmp.study.plan import Plan
 from modlhmp.study.published import AHEAD_S, STEP_S
+
+ROLL_OUT = ("sampling_radius_m", "beta", "k")  # what the parameter table tells of it
 
 # --- what they need ---------------------------------------------------------------------------------------------------
 
@@ -96,12 +99,19 @@ def _networks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
 
 
 def _constants(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
-    rollout = plan.run.rollout
-    constants = {
-        **{f"{kind}_resolution_m": plan.run.building(find(kind)).resolution_m for kind in ("cliff", "stef")},
-        **{key: getattr(rollout, key) for key in ("sampling_radius_m", "beta", "k")},
-    }
-    return {"recordings": _recordings(datasets), "constants": constants}
+    constants = {f"{kind}_resolution_m": plan.run.building(find(kind)).resolution_m for kind in ("cliff", "stef")}
+    sampled = {one.name: {key: _of_sampled(plan, one.name, key) for key in ROLL_OUT} for one in datasets}
+    return {"recordings": _recordings(datasets), "constants": constants, "sampled": sampled}
+
+
+def _of_sampled(plan: Plan, dataset: str, key: str) -> str:
+    """An option of the compared maps of the paper, of each where they differ; – where none is compared."""
+    kinds = {name: plan.run.kind(name).name for name in plan.run.compare}
+    names = [name for name in kinds if plan.run.kind(name).sampled and of_the_paper(name, kinds)]
+    values = {name: f"{getattr(plan.method(dataset, name).options, key):g}" for name in names}
+    if len(set(values.values())) < 2:
+        return next(iter(values.values()), "–")
+    return ", ".join(f"{plan.run.title(name)} {value}" for name, value in values.items())
 
 
 def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
@@ -196,8 +206,8 @@ EXHIBITS: tuple[Exhibit, ...] = (
         category="Tables",
         section="data",
         paper="tab:scenarios",
-        caption="Parameters of the maps and of the roll-out, and the 90th percentile of the length of the test tracks "
-        "after the last observation, which according to the paper sets its longest horizons.",
+        caption="Parameters of the maps and of the roll-out of the paper's methods, and the 90th percentile of the length "
+        "of the test tracks after the last observation, which according to the paper sets its longest horizons.",
         needs=_tracks,
         asks=_constants,
     ),
