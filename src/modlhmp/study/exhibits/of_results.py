@@ -206,8 +206,8 @@ EXHIBITS: tuple[Exhibit, ...] = (
         category="Tables",
         section="data",
         paper="tab:scenarios",
-        caption="Parameters of the maps and of the roll-out of the paper's methods, and the 90th percentile of the length "
-        "of the test tracks after the last observation, which according to the paper sets its longest horizons.",
+        caption="Parameters of the maps and of the roll-out of the paper's methods, and the 90th percentile of the "
+        "length of the test tracks after the last observation, which according to the paper sets its longest horizons.",
         needs=_tracks,
         asks=_constants,
     ),
