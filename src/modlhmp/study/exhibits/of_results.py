@@ -7,7 +7,6 @@ from typing import Any
 from modlhmp.datasets import Dataset
 from modlhmp.kinds import find
 from modlhmp.study import lacks
-from modlhmp.study.claim_tests import of_the_paper
 from modlhmp.study.exhibits.record import MODULES, Exhibit, days_of
 from modlhmp.study.exhibits.words import SEED_MEANS
 from modlhmp.study.plan import Plan
@@ -100,18 +99,8 @@ def _networks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
 
 def _constants(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
     constants = {f"{kind}_resolution_m": plan.run.building(find(kind)).resolution_m for kind in ("cliff", "stef")}
-    sampled = {one.name: {key: _of_sampled(plan, one.name, key) for key in ROLL_OUT} for one in datasets}
+    sampled = {one.name: {key: plan.paper_option(one.name, key) for key in ROLL_OUT} for one in datasets}
     return {"recordings": _recordings(datasets), "constants": constants, "sampled": sampled}
-
-
-def _of_sampled(plan: Plan, dataset: str, key: str) -> str:
-    """An option of the compared maps of the paper, of each where they differ; – where none is compared."""
-    kinds = {name: plan.run.kind(name).name for name in plan.run.compare}
-    names = [name for name in kinds if plan.run.kind(name).sampled and of_the_paper(name, kinds)]
-    values = {name: f"{getattr(plan.method(dataset, name).options, key):g}" for name in names}
-    if len(set(values.values())) < 2:
-        return next(iter(values.values()), "–")
-    return ", ".join(f"{plan.run.title(name)} {value}" for name, value in values.items())
 
 
 def _claims_asks(plan: Plan, datasets: list[Dataset]) -> dict[str, Any]:
