@@ -77,6 +77,17 @@ def load_floor_plan(path: str | Path) -> FloorPlan:
     return FloorPlan(cells[::-1], settings.resolution, settings.origin, settings.yaw)
 
 
+def coarser(plan: FloorPlan, pixels: int) -> tuple[np.ndarray, int]:
+    """The cells [rows, columns] in blocks of so many by so many, the shorter side of at least `pixels` if it has them.
+
+    A wall within a block makes it one; what is left of the last rows and columns is cut off.
+    """
+    width = max(min(plan.cells.shape) // pixels, 1)
+    rows, columns = (size // width for size in plan.cells.shape)
+    blocks = plan.cells[: rows * width, : columns * width].reshape(rows, width, columns, width)
+    return blocks.max(axis=(1, 3)), width
+
+
 def moved(plan: FloorPlan, origin_m: tuple[int, int] | None) -> FloorPlan:
     """The plan in a frame whose origin is at x, y [m] of its own, as recordings with `origin_m` are."""
     return plan._replace(origin=(plan.origin[0] - origin_m[0], plan.origin[1] - origin_m[1])) if origin_m else plan

@@ -141,6 +141,13 @@ def test_every_map_is_measured_on_the_rows_of_those_who_walk(measured):
     assert len(tables["pairs"]) == 2 * 7 * 6 / 2
 
 
+def test_without_a_clock_nothing_is_chosen_nor_told_by_hours():
+    (training, person), (test, whose) = walkers(60, 0), walkers(30, 1)
+    scores = measure(training, person, test, whose, TOKYO, [], clock=False)["scores"]
+    assert set(scores["map"]) == {NO_MAP, DAY_BINS, SMOOTHED} and set(scores["hour"]) == {ALL_HOURS}
+    assert not scores["chosen"].str.contains("day").any()
+
+
 def test_a_planted_flow_is_found_and_what_knows_no_place_is_the_last(measured):
     tables, (training, test) = measured
     scores = tables["scores"]

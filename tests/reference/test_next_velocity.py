@@ -9,7 +9,8 @@ from modlhmp.forecasting.base import Forecast
 from modlhmp.scoring import next_velocity
 from modlhmp.scoring.next_velocity import KERNELS, kernel_density, score_next
 from modlhmp.site import Site
-from modlhmp.study.likelihood_given import NO_MAP, in_halves, measure_given
+from modlhmp.study.likelihood import NO_MAP
+from modlhmp.study.likelihood_given import in_halves, measure_given
 from modlhmp.tracks import Tracks
 
 SITE = Site(horizon_s=2.0)

@@ -19,7 +19,8 @@ ACCOUNT = {
 }
 SETTINGS = {"seeds": 5, "evaluate_on": "test", "k": 5, "beta": 1.0, "sampling_radius_m": 1.0,
             "kinds": ["tc_cliff", "snippets"], "budget": ""}  # fmt: skip
-DAYS = {"days": {"train": ["2020-01-06"], "test": ["2020-01-06"]}, "names": RECORDINGS, "over": "persons"}
+DAYS = {"days": {"train": ["2020-01-06"], "test": ["2020-01-06"]}, "names": RECORDINGS, "over": "persons",
+        "shared": ["2020-01-06"]}  # fmt: skip
 NOTE = "<script>no</script> & **bold**"  # a configuration may say anything
 
 

@@ -4,11 +4,14 @@ import json
 import shutil
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from modlhmp.origins import file_sha256, provenance
 from modlhmp.storage import read_metadata, write_json, write_parquet, write_text
 from modlhmp.study import certificate as of
+from modlhmp.study.claims import CLAIMS
+from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
 
 
@@ -22,7 +25,7 @@ def layout(tmp_path):
     write_text(layout.log("clean"), "at noon")
     write_text(f"{layout.exhibit('ladder-hall')}.csv", "row,ms per track,ADE\na,0.1,2\n")
     write_text(f"{layout.exhibit('ladder-hall')}.md", "| a | 0.1 | 2 |")
-    write_text(f"{layout.exhibit('claims')}.md", "| a |")
+    write_text(f"{layout.exhibit('results')}.md", "| a |")
     return layout
 
 
@@ -39,7 +42,7 @@ def test_it_names_what_came_out_and_what_went_in(layout, tmp_path):
         "results/hall/tracks/monday.parquet",
         "results/hall/models/lstm.json",
         "paper_figures/ladder-hall.csv",
-        "paper_figures/claims.md",
+        "paper_figures/results.md",
     }
     assert made["inputs"] == {"hall/monday/monday.csv": "ab12"}
     assert made["configuration"].keys() == {"seeds"}
@@ -90,6 +93,21 @@ def test_times_do_not_count(layout):
     assert of.outputs(layout) == before
 
 
+def test_measured_claims_do_not_count_and_the_others_do(layout):
+    """What the runtime study measures stands among the claims; without it their rows say that it is lacking."""
+    rows = {"linear": [("needs the runtime study", "", "not tested")], "ranking": [("a gain", "1.5", "supported")]}
+
+    def outputs(**changes):
+        lines = [(CLAIMS[name].text, *row) for name, told in (rows | changes).items() for row in told]
+        columns = ["claim", "our test", "measured", "verdict"]
+        write_table(pd.DataFrame(lines, columns=columns), layout.exhibit("claims"), "Claims", False)
+        return of.outputs(layout)
+
+    before = outputs()
+    assert outputs(linear=[("it is 1", "1.02", "not contradicted"), ("it is 1", "1.3", "grows faster")]) == before
+    assert outputs(ranking=[("a gain", "1.6", "supported")]) != before
+
+
 @pytest.mark.parametrize(
     ("name", "change"),
     [
@@ -99,7 +117,7 @@ def test_times_do_not_count(layout):
             "paper_figures/ladder-hall.csv",
             lambda one: write_text(f"{one.exhibit('ladder-hall')}.csv", "row,ADE\na,3\n"),
         ),
-        ("paper_figures/claims.md", lambda one: write_text(f"{one.exhibit('claims')}.md", "| b |")),
+        ("paper_figures/results.md", lambda one: write_text(f"{one.exhibit('results')}.md", "| b |")),
         ("paper_figures/new.md", lambda one: write_text(f"{one.exhibit('new')}.md", "| b |")),
     ],
 )
@@ -121,7 +139,7 @@ def test_two_runs_differ_for_a_reason(certified, tmp_path, capsys):
         return of.verify(certified, tmp_path / "other.json")
 
     assert against()[1].endswith("the same: all 4 outputs")
-    wrong = {"paper_figures/claims.md": "0" * 64}
+    wrong = {"paper_figures/results.md": "0" * 64}
     found, told = against(outputs=wrong, inputs={"hall/monday/monday.csv": "cd34"}, environment={"numpy": "0.1"})
     assert found.keys() == {"inputs", "environment", "outputs"}
     assert found["inputs"] == ["hall/monday/monday.csv: ab12 and cd34"]
@@ -139,7 +157,7 @@ def test_the_command_has_a_status(certified, tmp_path, monkeypatch, capsys):
     shutil.copy("results/r/certificate.json", "theirs.json")
     assert of.main(["r", "theirs.json"]) == 0
     assert "theirs.json: the same: all 4 outputs" in capsys.readouterr().out
-    (tmp_path / "here/paper_figures/r/claims.md").write_text("other")
+    (tmp_path / "here/paper_figures/r/results.md").write_text("other")
     assert of.main(["r", "theirs.json"]) == 1
     assert of.main(["s"]) == 1
     assert "results/s/certificate.json: no such file" in capsys.readouterr().err

@@ -142,6 +142,21 @@ def test_the_percentile_has_an_interval():
     assert verdicts(claims.test_claims([close], TITLES, KINDS), "90th") == {"not contradicted"}
 
 
+@pytest.mark.parametrize(
+    ("lengths", "verdict", "interval"),
+    [
+        (np.linspace(1, 60, 30), "not contradicted", "from 45.8 s"),
+        (np.linspace(61, 90, 30), "contradicted", "from 83.0 s"),
+        (np.linspace(1, 30, 30), "not contradicted", "from 23.0 s"),
+    ],
+)
+def test_few_tracks_leave_the_percentile_s_interval_open(lengths, verdict, interval):
+    """Of under 36 tracks the longest may lie below the 90th percentile, so no upper end is known."""
+    table = claims.test_claims([evidence(lengths=lengths)], TITLES, KINDS)
+    row = table[table["our test"].str.startswith("90th")].iloc[0]
+    assert (row["verdict"], row["95 % CI"]) == (verdict, interval)
+
+
 def test_a_test_between_methods_has_one_corrected_p_everywhere():
     """That of the table of t-tests, from whichever side the claim looks."""
     errors = {**evidence().errors, "lstm": errors_of([0.95, 1.95, 9, 18], ("single",), seed=4)}

@@ -65,6 +65,22 @@ def without(plan, *names):
     return set(names) - wanted
 
 
+def test_the_parameters_are_those_of_the_paper_s_maps_as_the_run_has_them():
+    """Also where they have options of their own, or a dataset has tuned ones; of each map where they differ."""
+    parameters = next(exhibit for exhibit in EXHIBITS if exhibit.name == "tab_scenarios")
+    listed = yaml.safe_load((CONFIG / "config.yaml").read_text(encoding="utf-8"))
+    own = {**listed["methods"], "tc_cliff": {**listed["methods"].get("tc_cliff", {}), "options": {"beta": 2}}}
+    plan = plan_of(methods=own, compare=["tc_cliff", "cliff", "cvm", "cliff_many"], comparisons=[])
+    hall, *others = plan.datasets
+    tuned = dataclasses.replace(plan.datasets[hall], tuned={"tc_cliff": {"k": 60}, "cliff": {"k": 60}})
+    plan = dataclasses.replace(plan, datasets={**plan.datasets, hall: tuned})
+    found = parameters.asks(plan, list(plan.datasets.values()))["sampled"]
+    assert found[hall] == {"sampling_radius_m": "1", "beta": "TC-CLiFF 2, CLiFF 1", "k": "60"}
+    assert [found[other]["k"] for other in others] == ["5"]
+    none = plan_of(compare=["cvm", "cliff_many"], comparisons=[])
+    assert parameters.asks(none, list(none.datasets.values()))["sampled"][hall]["k"] == "–"
+
+
 def test_names_and_rules_are_unique():
     for names in (NAMES, [exhibit.rule for exhibit in EXHIBITS]):
         assert len(set(names)) == len(names)

@@ -1,5 +1,7 @@
 """Exhibits of likelihood: the tables' cells by hand, what is bold, the panels by hour."""
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -13,6 +15,7 @@ from modlhmp.scoring.likelihood import ACCOUNTINGS, PRINTED, SUMMARY
 from modlhmp.settings import as_plain
 from modlhmp.site import Site
 from modlhmp.storage import write_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits import likelihood_figure, likelihood_given_table, likelihood_table
 from modlhmp.study.likelihood import ALL_HOURS, NO_MAP
 from modlhmp.tracks import write_tracks
@@ -77,6 +80,16 @@ def test_a_panel_a_space_and_a_line_a_map(measured, tmp_path, figures):
     (fig,) = figures
     assert [ax.get_title() for ax in fig.axes] == ["Hall, headings and speeds", "Hall, headings alone"]
     np.testing.assert_allclose(fig.axes[0].lines[0].get_ydata(), np.log(2.0))
+
+
+def test_without_a_clock_nothing_is_by_hours(measured, tmp_path, figures):
+    unknown = dataclasses.replace(HALL, clock="unknown")
+    likelihood_table.draw(measured, [unknown], str(tmp_path / "t"), TITLES, "persons")
+    text = (tmp_path / "t.md").read_text(encoding="utf-8")
+    assert f"headings alone [nat per rad] | {lacks.NO_CLOCK} |" in text and "09 h" not in text
+    likelihood_figure.draw(measured, [unknown], str(tmp_path / "f"), TITLES)
+    assert pd.read_csv(tmp_path / "f.csv").empty
+    assert {one.get_text() for ax in figures[-1].axes for one in ax.texts} == {f"Hall: {lacks.NO_CLOCK}"}
 
 
 def test_the_table_of_next_velocities_by_hand(layout, tmp_path):

@@ -22,7 +22,9 @@ SECONDS = {"demo_hall": 20, "demo_forum": 8}  # of every track
 PEOPLE = {"demo_hall": 6, "demo_forum": 9}
 RECORDINGS = {"demo_hall": ["monday"], "demo_forum": ["monday", "tuesday"]}
 DAYS = {"monday": "2030-01-07", "tuesday": "2030-01-08"}
-CONSTANTS = {"cliff_resolution_m": 1.0, "stef_resolution_m": 2.0, "sampling_radius_m": 1.0, "beta": 1.0, "k": 5}
+CONSTANTS = {"cliff_resolution_m": 1.0, "stef_resolution_m": 2.0}
+SAMPLED = {"demo_hall": {"sampling_radius_m": "1", "beta": "TC-CLiFF 8, CLiFF 1", "k": "5"}}
+SAMPLED["demo_forum"] = {**SAMPLED["demo_hall"], "beta": "–"}
 
 
 def people(number, seconds):
@@ -65,10 +67,11 @@ def layout(tmp_path, request):
 
 def test_parameters_are_of_each_dataset_s_tracks(layout, tmp_path):
     """Tracks of 20 s and 8 s, of which four rows are observed; 6 of them, and 9 on each of two days."""
-    tables.draw_parameters(layout, [HALL, FORUM], str(tmp_path / "t"), RECORDINGS, CONSTANTS)
+    tables.draw_parameters(layout, [HALL, FORUM], str(tmp_path / "t"), RECORDINGS, CONSTANTS, SAMPLED)
     table = pd.read_csv(tmp_path / "t.csv").set_index("parameter")
-    assert table.loc["usable test tracks"].tolist() == [6, 18]
-    assert table.loc["90th percentile of their length after t0 [s]"].tolist() == [16, 4]
+    assert table.loc["usable test tracks"].tolist() == ["6", "18"]
+    assert table.loc["90th percentile of their length after t0 [s]"].tolist() == ["16", "4"]
+    assert table.loc["kernel parameter β"].tolist() == ["TC-CLiFF 8, CLiFF 1", "–"]
 
 
 def test_claims_are_about_each_dataset_s_tracks_and_errors(layout):

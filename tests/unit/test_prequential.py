@@ -10,7 +10,7 @@ from walking_hall import HALL
 
 from modlhmp.contract import SITE, crowd
 from modlhmp.file_format import Recording
-from modlhmp.study import prequential
+from modlhmp.study import lacks, prequential
 from modlhmp.study.exhibits import prequential_hours
 from modlhmp.tracks import clock_numbers, concatenate, write_tracks
 
@@ -95,6 +95,28 @@ def test_the_figure_shows_every_map(layout, figures):
     assert set(table["part"]) == {*prequential_hours.PARTS, "all hours as recorded"}
     assert set(table["map"]) == {*prequential.MAPS, prequential.NO_MAP}
     assert len(figures[-1].axes[0].lines) == len(prequential.MAPS) + 1
+
+
+def test_intervals_are_over_persons_also_where_tracks_were_cut(layout, figures):
+    """Of tracks cut in two whose pieces are one person (`same_person`), as of the whole ones."""
+    day = people(hours=2)
+    late = np.concatenate([np.arange(n) >= n // 2 for n in np.diff(day.bounds())])
+    cut = day._replace(track_id=2 * day.track_id + late)
+    write_tracks(day, layout.tracks("hall", "day"))
+    persons = {str(2 * one + 1): int(2 * one) for one in np.unique(day.track_id)}
+    write_tracks(cut, layout.tracks("hall", "cut"), persons=persons)
+    found = []
+    for name in ("day", "cut"):
+        prequential_hours.draw(layout, [DAY], layout.exhibit(name), {DAY.name: [name]})
+        found.append(pd.read_csv(f"{layout.exhibit(name)}.csv").query("hour.isna()")[["worse", "low", "high"]])
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-12)
+
+
+def test_without_a_clock_there_are_no_hours(layout, figures):
+    unknown = dataclasses.replace(DAY, clock="unknown")
+    prequential_hours.draw(layout, [unknown], layout.exhibit("f"), {DAY.name: ["day"]})
+    assert pd.read_csv(f"{layout.exhibit('f')}.csv").empty
+    assert {text.get_text() for ax in figures[-1].axes for text in ax.texts} == {f"{DAY.title}: {lacks.NO_CLOCK}"}
 
 
 def test_one_hour_is_too_few(layout, figures):

@@ -71,6 +71,12 @@ def test_a_template_gets_what_it_asks_for(numbers):
     )
 
 
+def test_a_bar_in_a_cell_ends_none(numbers):
+    numbers["runs"]["real"]["tables"]["claims"]["rows"][0][0] = "a|b"
+    page = publish.render("{{ table('real', 'claims', ['claim', 'verdict'], dataset='Hall') }}", numbers)
+    assert page.splitlines()[-1] == r"| a\|b | supported |"
+
+
 def test_methods_that_only_the_ladder_compares_have_scores(numbers):
     page = publish.render("{{ results('real', 'hall', 'complete', [5], 'tc_clean', 'cvm') }}", numbers)
     assert page.splitlines()[2:] == [

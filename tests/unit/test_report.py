@@ -14,6 +14,7 @@ from explored_run import HALL, MAPS, METHODS, RECORDINGS, YARD
 from reported_run import ACCOUNT, DAYS, GRAPH, NOTE, make_report
 
 from modlhmp import __version__
+from modlhmp.file_format import Recording
 from modlhmp.storage import DataError, write_json
 from modlhmp.study import publish
 from modlhmp.study.exhibits import coverage, horizon_errors, ranking_gain, tables
@@ -21,7 +22,7 @@ from modlhmp.study.exhibits.table_forms import tables_of
 from modlhmp.study.explorer import page as explorer
 from modlhmp.study.explorer.pack import unpacked
 from modlhmp.study.layout import Layout
-from modlhmp.study.report import ASSETS, facts
+from modlhmp.study.report import ASSETS, about, facts
 from modlhmp.study.report.rule_graph import RuleGraph, columns_of, grouped, picture, without_shortcuts
 
 VOID = {"meta", "link", "img", "br", "input", "hr"}
@@ -162,6 +163,17 @@ def test_nothing_scored_is_said():
     said = facts.limits(YARD, DAYS, none, {"evaluate_on": "test"})
     assert any("No test track is long enough" in one for one in said)
     assert any("same day (2020-01-06)" in one for one in said)
+
+
+def test_parts_of_a_file_are_of_one_day_though_nobody_knows_which():
+    """No day is made up of the recording's name."""
+    parts = tuple(Recording(name=f"a-{split}", path="/data/a.txt", split=split) for split in ("train", "test"))
+    found = about.recordings(replace(YARD, recordings=parts, clock="unknown"))
+    assert found["days"] == {"train": [""], "test": [""]}
+    said = facts.limits(YARD, found, {"horizon": 12.0}, {"evaluate_on": "test"})
+    assert any("same day (a.txt)" in one for one in said)
+    assert any("With test days unknown, tests and intervals are over persons" in one for one in said)
+    assert not any("1 test day" in one for one in said)
 
 
 def test_who_scores_nobody_scores_fewest():

@@ -294,6 +294,9 @@ def test_problems_under_numbers_and_names_are_told_side_by_side(config):
         ("datasets", ["zzz"], "no dataset named 'zzz'; known: "),
         ("datasets", ["demo_hall", "demo_hall"], "has non-unique elements"),
         ("seeds", [0, 0], "[0, 0] has non-unique elements"),
+        ("comparisons", [["tc_cliff", "cliff"]] * 2, "tc_cliff and cliff stand there twice; name a pair once"),
+        ("comparisons", [["tc_cliff", "cliff"], ["cliff", "tc_cliff"]], "cliff and tc_cliff stand there twice"),
+        ("comparisons", [["cliff", "cliff"]], "cliff is compared with itself; name two methods"),
     ],
 )
 def test_an_unknown_name_gets_a_hint(config, key, value, message):
@@ -946,6 +949,12 @@ def test_a_published_map_is_not_built_from_less(config):
     wrong = with_file(config, kind="cliff", file="maps/a.csv")
     wrong["studies"] = {"training": {"methods": ["more"]}}
     assert "the map of more is a file" in refused(wrong)
+
+
+def test_a_published_map_is_not_built_without_some_people(config):
+    wrong = with_file(config, kind="cliff", file="maps/a.csv")
+    wrong["studies"] = {"occupied": {"methods": ["theirs"]}}
+    assert "studies.occupied.methods: the map of theirs is a file" in refused(wrong)
 
 
 # --- forecasts from outside -------------------------------------------------------------------------------------------

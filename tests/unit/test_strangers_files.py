@@ -128,6 +128,16 @@ def test_what_is_harmless_is_not(text):
     assert not forbidden(text)
 
 
+def test_titles_end_no_cell_and_set_nothing_bold(tmp_path):
+    """What a table itself sets bold is; in GitHub's form a bar or asterisk of a title is escaped."""
+    write_table(pd.DataFrame({"method": ["a|b **c** d"], "ADE": ["**1.5**"]}), str(tmp_path / "t"), "T", False)
+    told = {form: (tmp_path / f"t.{form}").read_text() for form in ("md", "html", "tex", "csv")}
+    assert r"| a\|b \*\*c\*\* d | **1.5** |" in told["md"]
+    assert "<td>a|b **c** d</td><td><b>1.5</b></td>" in told["html"]
+    assert r"a|b **c** d & \textbf{1.5} \\" in told["tex"]
+    assert "a|b **c** d,1.5" in told["csv"]
+
+
 def test_titles_of_others_are_text_in_tables(tmp_path):
     """Neither LaTeX nor a browser runs them."""
     title = "\n\\input{/etc/passwd} $x^2$ ~ <script>alert(1)</script>"

@@ -120,7 +120,7 @@ rule study_occupied:
         },
         every_s=RUN.studies.occupied.every_s,
         horizons=lambda wildcards: PLAN.horizons[wildcards.dataset],
-        dataset=settings_of(*SCORE_KEYS),
+        dataset=settings_of("forecast_every_s", *SITE_KEYS),
         seed=RUN.seeds[0],
         code=method_code("study_occupied", *RUN.studies.occupied.methods),
     message:
@@ -157,6 +157,7 @@ rule measure_likelihood:
             for name in PLAN.mapped
         ],
         dataset=settings_of(*SITE_KEYS),
+        clock=lambda wildcards: DATASETS[wildcards.dataset].clock != "unknown",
         days=lambda wildcards: DATASETS[wildcards.dataset].days("test"),
         recordings=names_of("test"),
         max_tracks=RUN.studies.max_tracks,

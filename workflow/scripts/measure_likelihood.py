@@ -25,7 +25,7 @@ with job_log(snakemake.log[0]) as log:
         for kind, plain in zip(params.kinds, params.buildings, strict=True)
     ]
     maps = [Mapped(*one) for one in zip(params.methods, params.kinds, files.maps, building, strict=True)]
-    tables = measure(training, person, together(tests.values()), cluster, site, maps)
+    tables = measure(training, person, together(tests.values()), cluster, site, maps, params.clock)
     log.info("%d rows of test tracks, %d scores", len(whose), len(tables["scores"]))
     origin = provenance(dict(snakemake.wildcards), dict(params), files)
     for name, table in tables.items():

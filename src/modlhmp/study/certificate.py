@@ -21,6 +21,7 @@ from typing import Any
 
 from modlhmp.origins import by_name, file_sha256
 from modlhmp.storage import DataError, boundary, read_json, read_metadata
+from modlhmp.study.claims import CLAIMS, MEASURED
 from modlhmp.study.layout import Layout
 
 PACKAGE = Path(__file__).parents[1]
@@ -36,9 +37,12 @@ LEFT_OUT = {
     "report.html": "the exhibits on one page, with times among them",
     "tab_models.[!c]*": "the table of the CSV beside it, with times",
     "ladder-*.[!c]*": "the table of the CSV beside it, with times",
+    "claims.[!c]*": "the table of the CSV beside it, with times",
 }
-# Keys of JSON, and columns of tables, that are times or depend on them: the rest of such a file counts.
+# Keys of JSON, and columns of tables, that are times or depend on them, and rows of tables: claims about times and
+# sizes. The rest of such a file counts.
 TIMES = re.compile(r"seconds|minutes|ms per track|convergence")
+TIMED_ROWS = {CLAIMS[name].text for name in MEASURED}
 VARIABLES = ("NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OMP_NUM_THREADS", "LC_ALL", "TZ")
 REASONS = ("inputs", "configuration", "code", "environment")
 
@@ -86,12 +90,12 @@ def outputs(layout: Layout) -> dict[str, str]:
 
 
 def content_sha256(path: Path) -> str:
-    """SHA-256 of a file; of JSON and CSV without what `TIMES` names."""
+    """SHA-256 of a file; of JSON and CSV without what `TIMES` and `TIMED_ROWS` name."""
     if path.suffix == ".json":
         return _digest(json.dumps(_timeless(read_json(path)), sort_keys=True).encode())
     if path.suffix == ".csv":
         with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
+            rows = [row for row in csv.reader(file) if not TIMED_ROWS.intersection(row[:1])]
         kept = [place for place, name in enumerate(rows[0] if rows else []) if not TIMES.search(name)]
         text = io.StringIO()
         csv.writer(text).writerows([[row[place] for place in kept if place < len(row)] for row in rows])

@@ -53,6 +53,7 @@ CLAIMS = {
     "linear": Claim("time grows linearly with tracks N, horizon T and locations M", "Sec. V-A, runtime", "–", ALL),
     "size": Claim("273 MB of memory, 152 kB for an hour's map", "Sec. V-A, runtime", "–", ALL),
 }
+MEASURED = ("rate", "linear", "size")  # by the runtime study: other numbers each time, and other rows once it has run
 COLUMNS = (
     "claim", "where", "the paper's p", "dataset", "protocol", "our test", "measured", "n", "clusters",
     "mean difference", "95 % CI", "p", "p Holm", "p Holm, opposite", "not forecast", "verdict",

@@ -51,6 +51,14 @@ def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
     for key, values in lists.items():
         if len(set(values)) < len(values):
             raise DataError(f"configuration, {key}: {list(values)} has non-unique elements")
+    for number, (one, other) in enumerate(run.comparisons):
+        if one == other:
+            raise DataError(f"configuration, comparisons: {one} is compared with itself; name two methods")
+        if {(one, other), (other, one)} & set(run.comparisons[:number]):
+            raise DataError(
+                f"configuration, comparisons: {one} and {other} stand there twice; name a pair once, in one order: "
+                "both sides are tested"
+            )
     if 0 in run.studies.training.shares:
         raise DataError("configuration, studies.training.shares: 0: a share is above 0")
     _check_sections(run)
@@ -179,6 +187,11 @@ def _check_names(run: RunSettings) -> None:
             raise DataError(
                 f"configuration, studies.occupied.methods: {name} has no map with samples; methods that have one are "
                 f"of the kinds {', '.join(able)}"
+            )
+        if run.published(name):
+            raise DataError(
+                f"configuration, studies.occupied.methods: the map of {name} is a file, so it cannot be built of some "
+                "people only"
             )
     for name in run.uncertainty.methods:
         if not run.kind(name).has_samples:

@@ -66,6 +66,11 @@ class Way(NamedTuple):
     levels: tuple[Level, ...]
     bins: Bins = PLAIN
 
+    @property
+    def hourly(self) -> bool:
+        """Whether it asks for the hour of the day."""
+        return any(level.hourly for level in self.levels)
+
 
 def shrunk(weight: float) -> Way:
     """Eight directions by the hour, shrunk to those of the day as if that were so many rows."""
@@ -128,14 +133,20 @@ def held_out(person: np.ndarray) -> np.ndarray:
 
 
 def measure(
-    training: Tracks, person: np.ndarray, test: Tracks, cluster: np.ndarray, site: Site, maps: Sequence[Mapped]
+    training: Tracks,
+    person: np.ndarray,
+    test: Tracks,
+    cluster: np.ndarray,
+    site: Site,
+    maps: Sequence[Mapped],
+    clock: bool = True,
 ) -> dict[str, pd.DataFrame]:
     """Tables {`scores`, `pairs`} of maps on the rows of people who walk; `person`, `cluster` [n] number whose rows are.
 
     `scores`: of each of `SPACES`, map and accounting (`scoring.likelihood`) over all rows, and with the background also
     of each clock hour: the `SUMMARY`, shares of rows that the map `covered` and that were `charged`, the `weight` of
     the background and what was `chosen`, both on the persons held out. `pairs`: paired differences of all maps with
-    their backgrounds. Intervals are over `cluster`, which are persons or days.
+    their backgrounds. Intervals are over `cluster`, which are persons or days. Without a `clock` nothing is by hours.
     """
     known, wanted = training.moves(), test.moves()
     training, person, test, cluster = training.take(known), person[known], test.take(wanted), cluster[wanted]
@@ -147,7 +158,8 @@ def measure(
         for one in maps
         if one.building is not None
     }
-    chosen = {name: _best(ways, fit, tried, site, no_map) for name, ways in WAYS.items()}
+    able = {name: [way for way in ways if clock or not way.hourly] for name, ways in WAYS.items()}
+    chosen = {name: _best(ways, fit, tried, site, no_map) for name, ways in able.items() if ways}
     asked = _densities(fit, site, no_map, maps, tables, chosen)
     weights = {
         space: {name: choose_weight(one, answers.without_map) for name, one in answers.log_p.items()}
@@ -155,7 +167,7 @@ def measure(
     }
     no_map = NoMap(training.speed)
     found = _ask(_densities(training, site, no_map, maps, {}, chosen), no_map, test)
-    hours = clock_hours(test.t, site.timezone)
+    hours = clock_hours(test.t, site.timezone) if clock else None
     scores = [_scores(space, found[space], weights[space], hours, cluster) for space in SPACES]
     pairs = []
     for space in SPACES:
@@ -227,9 +239,9 @@ def _ask(asked: Mapping[str, Asked], no_map: NoMap, rows: Tracks) -> dict[str, A
 
 
 def _scores(
-    space: str, answers: Answers, weights: Mapping[str, float], hours: np.ndarray, cluster: np.ndarray
+    space: str, answers: Answers, weights: Mapping[str, float], hours: np.ndarray | None, cluster: np.ndarray
 ) -> pd.DataFrame:
-    """Rows of `measure`'s `scores` for one space."""
+    """Rows of `measure`'s `scores` for one space; `hours` [n] are None without a clock."""
     rows: list[tuple[Any, ...]] = []
 
     def add(name, accounting, hour, log_p, which):
@@ -238,10 +250,10 @@ def _scores(
         shares = float(covered[which].mean()), float(paid[which].mean())
         rows.append((space, name, accounting, hour, *summary, *shares, weights[name]))
 
-    everything = np.ones(len(hours), bool)
+    everything = np.ones(len(cluster), bool)
     for (name, accounting), log_p in accounted(answers.log_p, answers.without_map, weights, answers.broader).items():
         add(name, accounting, ALL_HOURS, log_p, everything)
-        if accounting == "background":
+        if accounting == "background" and hours is not None:
             for hour in np.unique(hours).tolist():
                 add(name, accounting, hour, log_p, hours == hour)
     for name, one in answers.log_p.items():

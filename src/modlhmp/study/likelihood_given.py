@@ -11,8 +11,7 @@ import pandas as pd
 from modlhmp.maps.density import NoMap
 from modlhmp.scoring.likelihood import DIFFERENCE, SUMMARY, WEIGHTS, differences, summarise, with_background
 from modlhmp.scoring.next_velocity import KERNELS
-
-NO_MAP = "<no map>"  # as `study.likelihood`
+from modlhmp.study.likelihood import NO_MAP
 
 
 def in_halves(person: np.ndarray) -> np.ndarray:

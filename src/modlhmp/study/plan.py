@@ -12,6 +12,7 @@ from modlhmp.file_format import FileFormat
 from modlhmp.methods import Method
 from modlhmp.scoring.horizons import LADDER_S, scored_horizons
 from modlhmp.settings import as_plain
+from modlhmp.study.claim_tests import of_the_paper
 from modlhmp.study.claims import claimed_pairs
 from modlhmp.study.layout import Layout
 from modlhmp.study.settings import RunSettings
@@ -52,6 +53,15 @@ class Plan:
     def method(self, dataset: str, name: str) -> Method:
         """A method, with what has been tuned for a dataset."""
         return self.run.method(name, self.datasets[dataset].tuned)
+
+    def paper_option(self, dataset: str, key: str) -> str:
+        """An option of the compared maps of the paper, of each where they differ; – where none is compared."""
+        kinds = {name: self.run.kind(name).name for name in self.run.compare}
+        names = [name for name in kinds if self.run.kind(name).sampled and of_the_paper(name, kinds)]
+        values = {name: f"{getattr(self.method(dataset, name).options, key):g}" for name in names}
+        if len(set(values.values())) < 2:
+            return next(iter(values.values()), "–")
+        return ", ".join(f"{self.run.title(name)} {value}" for name, value in values.items())
 
     def map_of(self, dataset: str, name: str) -> str | list[str]:
         """The map that a method needs, nothing for one without."""

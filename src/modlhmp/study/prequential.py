@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.maps import density
+from modlhmp.scoring.likelihood import with_background
 from modlhmp.scoring.ttests import mean_test
 from modlhmp.site import Site
 from modlhmp.storage import DataError
@@ -26,13 +27,17 @@ LEAST_ROWS = 100  # of an hour
 COLUMNS = ("number", "hour", "map", "part", "nll", "covered", "n")
 
 
-def scores(tracks: Tracks, site: Site, half: np.ndarray | None = None) -> tuple[pd.DataFrame, pd.DataFrame]:
+def scores(
+    tracks: Tracks, site: Site, half: np.ndarray | None = None, person: np.ndarray | None = None
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Scores of each hour after the first by map and part of the place, and over all these hours.
 
     The first table has `COLUMNS`: `number` counts the hours, `hour` is the clock's; the second has for each map `nll`,
     `covered`, `n`, and by how much it is worse than all history, `worse`, with its 95 % interval by person `low`,
-    `high` [nat]. `half` [n] says which rows are of part 1; default: none. Tracks of several days have ids of their own.
+    `high` [nat]. `half` [n] says which rows are of part 1; default: none. `person` [n] says
+    whose each row is; default: each track is a person. Tracks of several days have ids of their own.
     """
+    person = tracks.track_id if person is None else person
     half = np.zeros(len(tracks.t), bool) if half is None else half
     hours, usable = clock_numbers(tracks.t, site.timezone), tracks.moves()
     maps = {NEVER: UpdatedMap("cliff", site), HISTORY: UpdatedMap("cliff", site)}
@@ -41,18 +46,19 @@ def scores(tracks: Tracks, site: Site, half: np.ndarray | None = None) -> tuple[
     pooled: list[pd.DataFrame] = []
     speeds: list[np.ndarray] = []
     for number, hour in enumerate(np.unique(hours[usable])):
-        people, part = tracks.take(usable & (hours == hour)), half[usable & (hours == hour)]
+        now = usable & (hours == hour)
+        people, part = tracks.take(now), half[now]
         if number and len(people.t) >= LEAST_ROWS:
             asked = people.x, people.y, people.t, people.heading, people.speed
             without, mixed = density.NoMap(np.concatenate(speeds)).log_density(*asked), {}
             for name in (*MAPS, NO_MAP):
                 known = _log_density(maps[name], site, asked) if name in maps else np.full(len(people.t), np.nan)
-                mixed[name] = _with_background(known, without)
+                mixed[name] = with_background(known, without, WEIGHT)
                 for of in np.unique(part):
                     some = part == of
                     facts = -mixed[name][some].mean(), np.isfinite(known[some]).mean(), some.sum()
                     rows.append((number, hour % 24, name, int(of), *facts))
-            pooled.append(pd.DataFrame({**mixed, "person": people.track_id}))
+            pooled.append(pd.DataFrame({**mixed, "person": person[now]}))
         maps[LAST] = UpdatedMap("cliff", site)
         for name, one in maps.items():
             if name != NEVER or not number:
@@ -69,12 +75,6 @@ def _log_density(one: UpdatedMap, site: Site, asked: tuple[np.ndarray, ...]) -> 
     except DataError:
         return np.full(len(asked[0]), np.nan)
     return density.load("cliff", whole, site).log_density(*asked)
-
-
-def _with_background(known, without):
-    """Log of the mixture with the density `without` a map, which stands alone where the map does not cover (NaN)."""
-    mixed = np.logaddexp(np.log1p(-WEIGHT) + np.nan_to_num(known, nan=-np.inf), np.log(WEIGHT) + without)
-    return np.where(np.isnan(known), without, mixed)
 
 
 def _overall(table, pooled):

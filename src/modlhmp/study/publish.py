@@ -26,6 +26,7 @@ from modlhmp.storage import DataError, read_parquet, write_text
 from modlhmp.study.configuration import load_run
 from modlhmp.study.csv_cells import original
 from modlhmp.study.exhibits.selection import main_rows
+from modlhmp.study.exhibits.table_forms import markdown
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import read_scores
 from modlhmp.yaml_file import read_yaml
@@ -187,12 +188,11 @@ class _Asked:
     def results(self, run: str, dataset: str, protocol: str, horizons: Sequence[float], *methods: str) -> str:
         """Errors of some methods, or of all, with their SD over seeds and n, as Markdown; a column per horizon [s]."""
         shown = methods or [name for name in self.runs[run]["titles"] if self._has(run, dataset, name)]
-        lines = [["method", *(f"{horizon:g} s" for horizon in horizons)]]
-        lines.append(["---"] * len(lines[0]))
+        lines = []
         for method in shown:
             cells = [self._cell(run, dataset, protocol, horizon, method) for horizon in horizons]
             lines.append([self.runs[run]["titles"][method], *cells])
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        return markdown(["method", *(f"{horizon:g} s" for horizon in horizons)], lines)
 
     def _has(self, run: str, dataset: str, method: str) -> bool:
         return any(key.startswith(f"{dataset}/") and key.endswith(f"/{method}") for key in self.runs[run]["scores"])
@@ -222,8 +222,7 @@ class _Asked:
         chosen = [row for row in rows if all(row[column] == cell for column, cell in where.items())]
         if not chosen:
             raise DataError(f"table {name} of run {run!r} has no row with {where}")
-        lines = [wanted, ["---"] * len(wanted), *([row[column] for column in wanted] for row in chosen)]
-        return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+        return markdown(wanted, ([row[column] for column in wanted] for row in chosen))
 
 
 def templates() -> dict[Path, str]:

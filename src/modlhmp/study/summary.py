@@ -106,14 +106,16 @@ def read_errors(path: str | Path, steps: slice | Sequence[int] = slice(None)) ->
     return StoredErrors(path, steps)
 
 
+def keys_of(rows: pd.DataFrame) -> pd.Series:
+    """The key of each row's forecast (`Errors.keys`), of its `recording`, `track_id` and, if it has one, `t0`."""
+    keys = rows["recording"].astype(str) + "/" + rows["track_id"].astype(str)
+    return keys + "@" + rows["t0"].astype(str) if "t0" in rows else keys
+
+
 def _errors(rows, values, seeds, steps):
     """`Errors` [seeds, tracks, T] of the rows of one recording, output and protocol, with their values [rows, T]."""
-    of = rows["recording"].astype(str) + "/"
-    names = of + rows["track_id"].astype(str)
-    if "t0" in rows:
-        names += "@" + rows["t0"].astype(str)
-    keys, first, track = np.unique(names, return_index=True, return_inverse=True)
-    whose = of + rows["person" if "person" in rows else "track_id"].astype(str)
+    keys, first, track = np.unique(keys_of(rows), return_index=True, return_inverse=True)
+    whose = rows["recording"].astype(str) + "/" + rows["person" if "person" in rows else "track_id"].astype(str)
     arrays = {name: np.full((len(seeds), len(keys), len(steps)), np.nan, np.float32) for name in values}
     for name, array in arrays.items():
         array[np.searchsorted(seeds, rows["seed"]), track] = values[name]

@@ -10,7 +10,7 @@ from modlhmp.storage import read_parquet
 from modlhmp.study.exhibits.likelihood_table import LN2, interval
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
-from modlhmp.study.likelihood_given import NO_MAP
+from modlhmp.study.likelihood import NO_MAP
 
 NOTE = (
     "Mean negative log density (NLL) of the velocity of the second time step after t0, given what is observed of the "

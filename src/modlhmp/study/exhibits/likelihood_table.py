@@ -8,6 +8,7 @@ import pandas as pd
 from modlhmp.datasets import Dataset
 from modlhmp.scoring.likelihood import ACCOUNTINGS, PRINTED
 from modlhmp.storage import read_parquet
+from modlhmp.study import lacks
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
 from modlhmp.study.likelihood import ALL_HOURS, NO_MAP, TITLES
@@ -40,7 +41,10 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, titles: Mapping
         for space, what in SPACES.items():
             here = scores[scores["space"] == space]
             rows += _rows(dataset.title, what, here[here["hour"] == ALL_HOURS], titles)
-            hours += _hours(dataset.title, what, here[here["hour"] != ALL_HOURS], titles)
+            if dataset.clock == "unknown":
+                hours.append({"dataset": dataset.title, "density of": what, "map": str(lacks.NO_CLOCK)})
+            else:
+                hours += _hours(dataset.title, what, here[here["hour"] != ALL_HOURS], titles)
             pairs += _pairs(dataset.title, what, paired[paired["space"] == space], titles)
     note = NOTE.format(over=over, ln3=np.log(3.0))
     by_hour = pd.DataFrame(hours).fillna("–")

@@ -247,9 +247,9 @@ EXHIBITS: tuple[Exhibit, ...] = (
         category="Forecasts",
         section="forecasts",
         paper="fig:prediction_example",
-        caption="What each method forecast for one person of each dataset, over the floor plan: 60 s where the dataset "
-        "has them, else half of its longest horizon. Methods with ranked futures show the best ranked one. The person "
-        "is chosen by rule: of the tracks eligible at the horizon under the paper protocol, that of the median ADE of "
+        caption="What each method forecast for one person of each dataset, over the floor plan, to its longest horizon "
+        "or, of one under 60 s, half of it. Methods with ranked futures show the best ranked one. The person is "
+        "chosen by rule: of the tracks eligible at the horizon under the paper protocol, that of the median ADE of "
         "the first compared method.",
         needs=_examples,
         asks=_titles,

@@ -40,6 +40,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "headings with speeds and for headings alone; then by hour, and paired differences.",
         asks=lambda plan, datasets: {"titles": plan.run.titles(plan.mapped), "over": _clusters(plan)},
         **_likelihood("scores", "pairs"),
+        lacks=(lacks.NO_CLOCK,),
     ),
     Exhibit(
         name="likelihood",
@@ -53,6 +54,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         "training data. Below 0 a map is worse than none.",
         asks=lambda plan, datasets: {"titles": plan.run.titles(plan.mapped)},
         **_likelihood("scores"),
+        lacks=(lacks.NO_CLOCK,),
     ),
     Exhibit(
         name="tab_likelihood_given",
@@ -82,7 +84,7 @@ EXHIBITS: tuple[Exhibit, ...] = (
         asks=lambda plan, datasets: {
             "recordings": {dataset.name: [one.name for one in dataset.of_split("train")] for dataset in datasets}
         },
-        lacks=(lacks.ONE_HOUR,),
+        lacks=(lacks.NO_CLOCK, lacks.ONE_HOUR),
         minutes=30,
     ),
 )

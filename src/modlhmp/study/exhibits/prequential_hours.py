@@ -9,7 +9,7 @@ from modlhmp.datasets import Dataset
 from modlhmp.study import lacks, prequential
 from modlhmp.study.exhibits import style
 from modlhmp.study.layout import Layout
-from modlhmp.tracks import read_tracks, together
+from modlhmp.tracks import read_people
 
 PARTS = ("as recorded", "planted: the half that turns round", "planted: the other half")
 COLUMNS = ["dataset", "part", "number", "hour", "map", "nll", "covered", "n"]
@@ -33,12 +33,12 @@ def draw(layout: Layout, datasets: Sequence[Dataset], stem: str, recordings: Map
 
 def _row(line: Sequence[Axes], layout: Layout, dataset: Dataset, recordings: Sequence[str]) -> pd.DataFrame:
     """Draw one dataset's panels; returns their numbers."""
-    tracks = together(read_tracks(layout.tracks(dataset.name, name)) for name in recordings)
-    table, overall = prequential.scores(tracks, dataset)
+    if dataset.clock == "unknown":
+        return _nothing(line, dataset, lacks.NO_CLOCK)
+    tracks, person = read_people([layout.tracks(dataset.name, name) for name in recordings])
+    table, overall = prequential.scores(tracks, dataset, person=person)
     if table.empty:
-        for panel in line:
-            style.empty_panel(panel, f"{dataset.title}: {lacks.ONE_HOUR.text}")
-        return pd.DataFrame(columns=COLUMNS)
+        return _nothing(line, dataset, lacks.ONE_HOUR)
     people, half, turn = prequential.planted(tracks, dataset.timezone)
     reversal, _ = prequential.scores(people, dataset, half)
     shown = [table, *(reversal[reversal["part"] == part] for part in (1, 0))]
@@ -54,3 +54,10 @@ def _row(line: Sequence[Axes], layout: Layout, dataset: Dataset, recordings: Seq
             panel.axvline(turn, color="0.4", linestyle=":", linewidth=0.8)
     named = [one.assign(dataset=dataset.name, part=title) for one, title in zip(shown, PARTS, strict=True)]
     return pd.concat([*named, overall.assign(dataset=dataset.name, part="all hours as recorded")], ignore_index=True)
+
+
+def _nothing(line: Sequence[Axes], dataset: Dataset, why: lacks.Lack) -> pd.DataFrame:
+    """Empty panels that say why; returns no numbers."""
+    for panel in line:
+        style.empty_panel(panel, f"{dataset.title}: {why}")
+    return pd.DataFrame(columns=COLUMNS)

@@ -15,7 +15,7 @@ from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.exhibits.words import OVER
 from modlhmp.study.layout import Layout
 from modlhmp.study.published import AHEAD_S, SHORT, STEP_S
-from modlhmp.study.summary import ErrorsByOutput, at_horizons, main_output
+from modlhmp.study.summary import ErrorsByOutput, at_horizons, keys_of, main_output
 
 AGAINST = "expected ADE against constant velocity [m]"
 EXPECTED = ("mean_ade_m", "mean_fde_m", "best_ade_m", "best_fde_m", "samples")
@@ -109,12 +109,9 @@ def _of_samples(path: str) -> pd.DataFrame:
     """`EXPECTED` by key, as `summary.Errors` has them, means over seeds."""
     table, place = read_parquet(path), read_metadata(path)["horizons_s"].index(AHEAD_S)
     rows = table.select([name for name in ("recording", "track_id", "t0") if name in table.column_names]).to_pandas()
-    keys = rows["recording"].astype(str) + "/" + rows["track_id"].astype(str)
-    if "t0" in rows:
-        keys += "@" + rows["t0"].astype(str)
     width = len(read_metadata(path)["horizons_s"])
     values = {name: column(table, name).reshape(-1, width)[:, place].astype(float) for name in EXPECTED}
-    return pd.DataFrame(values).groupby(keys.to_numpy()).mean()
+    return pd.DataFrame(values).groupby(keys_of(rows).to_numpy()).mean()
 
 
 def _at_row(keys: pd.Index, dataset: Dataset) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from modlhmp.datasets import Dataset
-from modlhmp.floor_plan import load_floor_plan, moved
+from modlhmp.floor_plan import coarser, load_floor_plan, moved
 from modlhmp.pictures import made_by, orientation_colours
 from modlhmp.storage import atomic_path, write_text
 from modlhmp.study.csv_cells import csv_text
@@ -133,11 +133,9 @@ def draw_floor_plan(axes: Axes, dataset: Dataset) -> None:
         return
     plan = moved(load_floor_plan(dataset.floor_plan[0]), dataset.origin_m)
     limits = axes.get_xlim(), axes.get_ylim()
-    coarse = max(min(plan.cells.shape) // _PLAN_PIXELS, 1)
-    rows, columns = (size // coarse * coarse for size in plan.cells.shape)
-    blocks = plan.cells[:rows, :columns].reshape(rows // coarse, coarse, columns // coarse, coarse)
-    greys = np.array(_PLAN_GREYS, np.uint8)[blocks.max(axis=(1, 3))]  # a wall within a pixel shows
-    shade = np.repeat(greys[..., None], 3, axis=-1)
+    cells, width = coarser(plan, _PLAN_PIXELS)
+    rows, columns = (size * width for size in cells.shape)
+    shade = np.repeat(np.array(_PLAN_GREYS, np.uint8)[cells][..., None], 3, axis=-1)
     size = (0, columns * plan.resolution, 0, rows * plan.resolution)
     place = Affine2D().rotate(plan.yaw).translate(*plan.origin)
     axes.imshow(shade, origin="lower", extent=size, transform=place + axes.transData, interpolation="nearest", zorder=0)

@@ -1,7 +1,8 @@
 """The forms of a table: CSV, Markdown, HTML (for the report) and LaTeX booktabs, demo data labelled in each."""
 
 import html
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
@@ -21,9 +22,12 @@ def write_table(
     note: str = "",
     others: Sequence[tuple[str, pd.DataFrame]] = (),
 ) -> None:
-    """Write `table` in its four forms; `others` [(title, DataFrame)] follow it in Markdown and HTML."""
+    """Write `table` in its four forms; `others` [(title, DataFrame)] follow it in Markdown and HTML.
+
+    A cell that is `**` all around is bold; other asterisks are only that.
+    """
     notes = [*([DEMO_NOTE] if demo else []), *([note] if note else [])]
-    plain = table.map(lambda cell: cell.replace("**", "") if isinstance(cell, str) else cell)
+    plain = table.map(lambda cell: _bold(cell)[1] if isinstance(cell, str) else cell)
     write_text(f"{stem}.csv", csv_text(plain))
     parts = [f"# {heading}", *notes, _markdown(table)]
     parts += [part for title, other in others for part in (f"## {title}", _markdown(other))]
@@ -33,9 +37,25 @@ def write_table(
 
 
 def _markdown(table):
-    """A GitHub table of a DataFrame."""
-    lines = [list(table.columns), ["---"] * len(table.columns), *table.astype(str).to_numpy().tolist()]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+    return markdown(table.columns, table.astype(str).to_numpy().tolist())
+
+
+def markdown(header: Iterable[str], rows: Iterable[Sequence[str]]) -> str:
+    """A GitHub table, in which no text is taken for the end of a cell or, but for whole cells, for bold."""
+    first, *others = [[_markdown_cell(cell) for cell in row] for row in [list(header), *rows]]
+    return "\n".join("| " + " | ".join(line) + " |" for line in [first, ["---"] * len(first), *others])
+
+
+def _markdown_cell(text):
+    bold, text = _bold(text)
+    text = text.replace("|", r"\|").replace("*", r"\*")
+    return f"**{text}**" if bold else text
+
+
+def _bold(text):
+    """Whether a cell is bold, and its text without what says so."""
+    found = re.fullmatch(r"\*\*(.+)\*\*", text, re.DOTALL)
+    return (True, found[1]) if found else (False, text)
 
 
 def _latex(table, note):
@@ -60,8 +80,9 @@ def _latex(table, note):
     }
 
     def cell(text):
-        parts = "".join(escape.get(c, c) for c in str(text)).split("**")
-        return "".join(rf"\textbf{{{part}}}" if i % 2 else part for i, part in enumerate(parts))
+        bold, text = _bold(str(text))
+        text = "".join(escape.get(c, c) for c in text)
+        return rf"\textbf{{{text}}}" if bold else text
 
     body = [" & ".join(map(cell, row)) + r" \\" for row in [list(table.columns), *table.to_numpy().tolist()]]
     width = len(table.columns)
@@ -81,8 +102,8 @@ def _html(heading, notes, tables):
     )
 
     def inner(text):
-        parts = html.escape(str(text)).split("**")
-        return "".join(f"<b>{part}</b>" if i % 2 else part for i, part in enumerate(parts))
+        bold, text = _bold(str(text))
+        return f"<b>{html.escape(text)}</b>" if bold else html.escape(text)
 
     page = ["<!DOCTYPE html>", '<html lang="en">', '<meta charset="utf-8">',
             f'<meta name="generator" content="modlhmp {__version__}">',

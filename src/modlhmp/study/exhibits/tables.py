@@ -26,11 +26,12 @@ def draw_parameters(
     stem: str,
     recordings: Mapping[str, Sequence[str]],
     constants: Mapping[str, float],
+    sampled: Mapping[str, Mapping[str, str]],
 ) -> None:
     """Parameters of the experiment, with the 90th percentile of the length of each dataset's test tracks.
 
-    `recordings` are the test recordings of each dataset by its name; `constants` are `cliff_resolution_m`,
-    `stef_resolution_m`, `sampling_radius_m`, `beta` and `k`, the same for all.
+    `recordings` are the test recordings of each dataset by its name; `constants` are `cliff_resolution_m`
+    and `stef_resolution_m`, the same for all; `sampled` has `sampling_radius_m`, `beta` and `k` by dataset, as text.
     """
     lengths = {}
     for dataset in datasets:
@@ -43,9 +44,9 @@ def draw_parameters(
         "prediction time step Δt [s]": lambda d: d.time_step_s,
         "CLiFF-map resolution [m]": lambda d: constants["cliff_resolution_m"],
         "STeF-map resolution [m]": lambda d: constants["stef_resolution_m"],
-        "sampling radius r_s [m]": lambda d: constants["sampling_radius_m"],
-        "kernel parameter β": lambda d: constants["beta"],
-        "futures per track k": lambda d: constants["k"],
+        "sampling radius r_s [m]": lambda d: sampled[d.name]["sampling_radius_m"],
+        "kernel parameter β": lambda d: sampled[d.name]["beta"],
+        "futures per track k": lambda d: sampled[d.name]["k"],
         **_rarer_rows(datasets),
         "usable test tracks": lambda d: len(lengths[d.name, "complete"]),
         "90th percentile of their length after t0 [s]": lambda d: _percentile(lengths[d.name, "complete"]),
@@ -54,7 +55,8 @@ def draw_parameters(
     }
     table = pd.DataFrame({"parameter": list(rows)})
     for dataset in datasets:
-        table[dataset.title] = [f"{value(dataset):g}".replace("nan", "–") for value in rows.values()]
+        values = [value(dataset) for value in rows.values()]
+        table[dataset.title] = [one if isinstance(one, str) else f"{one:g}".replace("nan", "–") for one in values]
     write_table(table, stem, "Parameters", any(dataset.demo for dataset in datasets))
 
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from modlhmp.datasets import Dataset
-from modlhmp.floor_plan import load_floor_plan, moved
+from modlhmp.floor_plan import coarser, load_floor_plan, moved
 from modlhmp.pictures import ORIENTATION_COLOURS
 from modlhmp.storage import write_text
 from modlhmp.study.exhibits import style
@@ -79,14 +79,12 @@ def _plan(dataset):
     if not dataset.floor_plan:
         return None
     plan = moved(load_floor_plan(dataset.floor_plan[0]), dataset.origin_m)
-    coarse = max(min(plan.cells.shape) // PLAN_PIXELS, 1)
-    rows, columns = (size // coarse * coarse for size in plan.cells.shape)
-    cells = plan.cells[:rows, :columns].reshape(rows // coarse, coarse, columns // coarse, coarse).max(axis=(1, 3))
+    cells, width = coarser(plan, PLAN_PIXELS)
     x, y = plan.origin
     return {
         "cells": cells.astype(int),
         "columns": cells.shape[1],
-        "size": plan.resolution * coarse,
+        "size": plan.resolution * width,
         "x": float(x),
         "y": float(y),
         "yaw": float(plan.yaw),

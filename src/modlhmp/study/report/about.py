@@ -1,7 +1,9 @@
 """What the report says of a run's plan, as plain data: a job is given it, and a change of it makes the page anew."""
 
+from pathlib import Path
 from typing import Any, get_args
 
+from modlhmp.datasets import Dataset
 from modlhmp.study.comparisons import LEAST_DAYS
 from modlhmp.study.exhibits import EXHIBITS
 from modlhmp.study.exhibits.record import Section
@@ -13,7 +15,7 @@ def about(plan: Plan) -> dict[str, Any]:
     rollout = plan.run.rollout
     return {
         "exhibits": exhibits(plan),
-        "recordings": {name: _recordings(dataset) for name, dataset in plan.datasets.items()},
+        "recordings": {name: recordings(dataset) for name, dataset in plan.datasets.items()},
         "methods": [_method(plan, name) for name in plan.run.compare],
         "settings": {
             "seeds": len(plan.run.seeds),
@@ -55,13 +57,18 @@ def files(plan: Plan) -> list[str]:
     return [*shown, *claims, *accounts, plan.layout.scores]
 
 
-def _recordings(dataset):
-    """Names and days of the recordings of each split, and whether its tests can be over days."""
-    days = {split: sorted(set(dataset.days(split).values())) for split in ("train", "test")}
+def recordings(dataset: Dataset) -> dict[str, Any]:
+    """Names and days of the recordings of each split ("" for an unknown day), and whether its tests can be over days.
+
+    `shared` are the days that are of both splits, and the files of unknown days of which parts are.
+    """
+    of = {split: dataset.of_split(split) for split in ("train", "test")}
+    moments = {split: {one.day or one.path for one in found} for split, found in of.items()}
     return {
-        "names": {split: [one.name for one in dataset.of_split(split)] for split in ("train", "test")},
-        "days": days,
-        "over": "days" if len(days["test"]) >= LEAST_DAYS else "persons",
+        "names": {split: [one.name for one in found] for split, found in of.items()},
+        "days": {split: sorted({one.day for one in found}) for split, found in of.items()},
+        "shared": sorted(Path(one).name for one in moments["train"] & moments["test"]),
+        "over": "days" if len(set(dataset.days("test").values())) >= LEAST_DAYS else "persons",
     }
 
 

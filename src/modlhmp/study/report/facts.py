@@ -83,8 +83,7 @@ def limits(
     dataset: Dataset, recordings: Mapping[str, Any], reached: Mapping[str, Any], settings: Mapping[str, Any]
 ) -> list[str]:
     """What a dataset's results cannot say, one sentence each."""
-    days = recordings["days"]
-    shared = sorted(set(days["train"]) & set(days["test"]) - {""})
+    days, shared = recordings["days"]["test"], recordings["shared"]
     found = []
     if dataset.demo:
         found.append("The people are made up, so nothing here says how people walk; no number is comparable with the "
@@ -95,7 +94,7 @@ def limits(
         found.append(f"People of training and test walked on the same day ({', '.join(shared[:3])}"
                      f"{' and others' if len(shared) > 3 else ''}): easier for maps than another day.")  # fmt: skip
     if recordings["over"] == "persons":
-        many = f"{len(days['test'])} test day{'s' if len(days['test']) > 1 else ''}"
+        many = f"{len(days)} test day{'s' if len(days) > 1 else ''}" if all(days) else "test days unknown"
         found.append(f"With {many}, tests and intervals are over persons: they say what other people of such days "
                      "would give, nothing about other days.")  # fmt: skip
     if dataset.clock == "unknown":
