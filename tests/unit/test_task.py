@@ -552,7 +552,7 @@ def test_a_line_that_is_cut_off(task, tmp_path):
     ("sheet", "told"),
     [
         ({"task": "0123"}, ["f.json: task '0123' is another than that of hall here", "export the task again"]),
-        ({"path": "best"}, ["f.json", "path: 'best' is not one of 'mean', 'likeliest' or 'geometric_median'"]),
+        ({"path": "best"}, ["f.json", "path: 'best' is not one of 'likeliest', 'mean' or 'geometric_median'"]),
         ({"pth": "mean"}, ["f.json", "unknown key 'pth', did you mean 'path'?"]),
         ({"path": None}, ["up to 2 samples of a track; say how one path comes out of them"]),
     ],

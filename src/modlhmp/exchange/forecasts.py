@@ -34,7 +34,7 @@ LATEST_S = 86400.0  # after t0; what is later is a clock's time
 OFF_GRID_S = 0.05  # what a time may differ from its time step, at most a tenth of that
 SUM_WITHIN = 1e-3  # of the probabilities of a forecast's samples
 
-How = Literal["mean", "likeliest", "geometric_median"]  # one path comes out of several samples
+How = Literal["likeliest", "mean", "geometric_median"]  # one path comes out of several samples
 
 
 class Rows(NamedTuple):

@@ -124,7 +124,7 @@ def read_hand_in(folder: str | Path, task: Task) -> HandIn:
     if samples.most > 1 and sheet.path is None:
         raise DataError(
             f"{beside}: there are up to {samples.most} samples of a track; say how one path comes out of them, "
-            '"path": "mean", "likeliest" or "geometric_median"'
+            '"path": "likeliest", "mean" or "geometric_median"'
         )
     _warn_of_jumps(file, samples, task)
     which = np.full(about["tasks"], -1)
