@@ -81,9 +81,12 @@ def in_validation_blocks(tracks: Tracks, seed: int = 0) -> np.ndarray:
     """Whether tracks belong to the validation part of their recording: those that begin in some blocks of time.
 
     About `VALIDATION_SHARE` of the recording's half-hours with people, drawn with `seed`, at least one. Companions stay
-    together, so a forecast of the one cannot be taken from the other.
+    together, so a forecast of the one cannot be taken from the other. Where a half-hour is more than that share of the
+    recording, blocks are that share of it, so that of people who come at different times some are in either part.
     """
-    block = (tracks.t[tracks.bounds()[:-1]] // BLOCK_S).astype(np.int64)
+    start = tracks.t[tracks.bounds()[:-1]]
+    block_s = min(BLOCK_S, VALIDATION_SHARE * float(np.ptp(start))) if len(start) else 0.0
+    block = (start // (block_s or BLOCK_S)).astype(np.int64)
     blocks = np.unique(block)
     number = max(round(VALIDATION_SHARE * len(blocks)), 1)
     return np.isin(block, np.random.default_rng(seed).permutation(blocks)[:number])
