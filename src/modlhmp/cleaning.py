@@ -18,7 +18,7 @@ from modlhmp.readers import read_recording
 from modlhmp.readers.raw import People
 from modlhmp.scenes import of_pieces
 from modlhmp.settings import unknown
-from modlhmp.splits import in_part, in_split, only_of
+from modlhmp.splits import BLOCK_S, FOLDS, in_part, in_split, only_of
 from modlhmp.storage import DataError
 from modlhmp.time_step import interpolate, jumped
 from modlhmp.tracks import Tracks, concatenate, laid_out, usual_step, whole_ids
@@ -112,7 +112,7 @@ def clean_rows(
     if not len(tracks.t):
         raise DataError(
             f"{path}: cleaning left no track; rows dropped: {dict(account.dropped_rows)}, "
-            f"tracks dropped: {dict(account.dropped_tracks)}; {_remedy(form, usual_step(whole), account)}"
+            f"tracks dropped: {dict(account.dropped_tracks)}; {_remedy(form, recording, usual_step(whole), account)}"
         )
     known = account.owners.of(tracks.track_id[tracks.bounds()[:-1]])
     pieces = _pieces(known, form)
@@ -173,8 +173,16 @@ def _rows_from(tracks, noted):
     return place[tracks.track_id[place] == ids]
 
 
-def _remedy(form, usual, account):
+def _remedy(form, recording, usual, account):
     """What may help where no track is left."""
+    if account.dropped_tracks["other_part"]:
+        takes = f"folds by time take {FOLDS * BLOCK_S / 3600:g} hours or more, or {FOLDS} test days"
+        if recording.part in ("fit", "validation"):
+            takes = "a validation part by time takes people who come at different times"
+        return (
+            f"nobody is left for `{recording.part}`: {takes}; use longer recordings or more days, or test on the test "
+            "recordings"
+        )
     if account.dropped_tracks["other_split"]:
         return "nobody is left for this side of `split`: divide the file differently"
     if account.dropped_rows["outside_day"] > 0.5 * account.rows_read:

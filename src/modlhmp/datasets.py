@@ -195,7 +195,9 @@ def divided(path: str | Path, recordings: Sequence[Recording]) -> tuple[Recordin
             tested = days[-min(_rounded_up(share * len(days)), len(days) - 1) :]
             found.append(dataclasses.replace(one, chosen=None, split="test" if one.day in tested else "train"))
         else:
-            found += [dataclasses.replace(one, name=f"{one.name}-{side}", split=side) for side in ("train", "test")]
+            found += [
+                dataclasses.replace(one, name=f"{one.name}-{side}", split=side, side=side) for side in ("train", "test")
+            ]
     return tuple(found)
 
 

@@ -297,8 +297,10 @@ class Recording:
 
     `stored` is the file on disk (`path`, or the archive that it leads into), `member` the file in an archive, `file`
     `stored` under the data root. `chosen` says who of the file is tested on, None: nobody or all, as `split` says;
-    `part` is what of that is used (`splits.in_part`), where it is cut; `days` is how many days it is of, `day` being
-    the first. `people` are the files where each is of one person; `path` is the glob that lists them then.
+    `side` is which side of `chosen` it holds, `train` or `test`, whatever it is used for: `split` says that, and may be
+    another in a validation part or a fold. `part` is what of that is used (`splits.in_part`), where it is cut; `days`
+    is how many days it is of, `day` being the first. `people` are the files where each is of one person; `path` is the
+    glob that lists them then.
     """
 
     day: str = ""
@@ -311,6 +313,7 @@ class Recording:
     file: str = ""
     exists: bool = True
     chosen: Split | None = None
+    side: str = ""
     part: str | None = None
     days: int = 1
     people: tuple[str, ...] = ()

@@ -13,21 +13,22 @@ VALIDATION_SHARE = 0.15
 BLOCK_S = 1800.0
 FOLDS = 5
 CONTEMPORARIES_S = 600.0  # people recorded within so long of each other may be companions
+_IS_TEST = {"train": False, "test": True}  # a divided file's recording without a `side` is an error here, not a guess
 
 
 def only_of(form: FileFormat, recording: Recording) -> FileFormat:
-    """The form that reads the rows of a recording's split alone, where a column of the file says which is which."""
+    """The form that reads the rows of a recording's side alone, where a column of the file says which is which."""
     chosen = recording.chosen
     if chosen is None or chosen.by != "column" or chosen.column is None or not isinstance(chosen.test, tuple):
         return form
     key, texts = str(chosen.column), tuple(chosen.test)
-    if recording.split == "test":
+    if _IS_TEST[recording.side]:
         return replace(form, only={**form.only, key: texts})
     return replace(form, without={**form.without, key: texts})
 
 
 def in_split(tracks: Tracks, recording: Recording, owners: Owners | None = None) -> np.ndarray:
-    """Whether tracks are of the recording's split, which takes a share of them by person or by time.
+    """Whether tracks are of the recording's side of its file, which takes a share of them by person or by time.
 
     By person the choice depends on the seed and each person's own id, so nobody's changes with others. By time those
     are tested who come after a moment, and those train who have left by then: who is there at that moment is in
@@ -36,18 +37,18 @@ def in_split(tracks: Tracks, recording: Recording, owners: Owners | None = None)
     bounds, chosen = tracks.bounds(), recording.chosen
     if chosen is None or not isinstance(chosen.test, float) or len(bounds) == 1:
         return np.ones(len(bounds) - 1, bool)
+    test = _IS_TEST[recording.side]
     ids = tracks.track_id[bounds[:-1]]
     if owners is not None:
         ids = np.array([id_of(owners.text(int(one))) for one in ids], np.int64)
     if chosen.by == "time":
         first, last = tracks.t[bounds[:-1]], tracks.t[bounds[1:] - 1]
         moment = first.min() + (1 - chosen.test) * (last.max() - first.min())
-        test = recording.split == "test"
         _, whose = np.unique(ids, return_inverse=True)
         other = first <= moment if test else last > moment
         return np.bincount(whose, other)[whose] == 0  # with nobody whose other piece is of the other side
     share = stream_keys(ids, 1, "split", chosen.seed)[:, 0].astype(np.float64) / 2.0**64
-    return (share < chosen.test) == (recording.split == "test")
+    return (share < chosen.test) == test
 
 
 def in_part(tracks: Tracks, part: str, person: np.ndarray | None = None) -> np.ndarray:
@@ -80,9 +81,12 @@ def in_validation_blocks(tracks: Tracks, seed: int = 0) -> np.ndarray:
     """Whether tracks belong to the validation part of their recording: those that begin in some blocks of time.
 
     About `VALIDATION_SHARE` of the recording's half-hours with people, drawn with `seed`, at least one. Companions stay
-    together, so a forecast of the one cannot be taken from the other.
+    together, so a forecast of the one cannot be taken from the other. Where a half-hour is more than that share of the
+    recording, blocks are that share of it, so that of people who come at different times some are in either part.
     """
-    block = (tracks.t[tracks.bounds()[:-1]] // BLOCK_S).astype(np.int64)
+    start = tracks.t[tracks.bounds()[:-1]]
+    block_s = min(BLOCK_S, VALIDATION_SHARE * float(np.ptp(start))) if len(start) else 0.0
+    block = (start // (block_s or BLOCK_S)).astype(np.int64)
     blocks = np.unique(block)
     number = max(round(VALIDATION_SHARE * len(blocks)), 1)
     return np.isin(block, np.random.default_rng(seed).permutation(blocks)[:number])

@@ -414,6 +414,7 @@ def day(starts):
 @given(st.lists(st.floats(0, 40_000), min_size=1, max_size=40), st.integers(0, 5))
 def test_tracks_are_held_out_by_the_half_hour_they_begin_in(starts, seed):
     """About 15 % of the half-hours with people, at least one, with everyone who comes in them."""
+    starts = [0.0, *starts, 20_000.0]  # long enough for half-hours
     held = in_validation_blocks(day(starts), seed)
     assert held.shape == (len(starts),)
     blocks = [int(start // BLOCK_S) for start in starts]
@@ -437,7 +438,7 @@ def test_nobody_is_held_out_of_nothing():
 def hours(number, per_hour=6):
     """A recording of so many hours, with tracks that the rules drop, as text."""
     rows = []
-    for n in range(number * per_hour):
+    for n in range(int(number * per_hour)):
         began = n * 3600 // per_hour
         rows += [f"{began + s},{n},{s},{n}" for s in range(1 if n % 5 == 4 else 4)]
     return "\n".join(rows) + "\n"
@@ -513,12 +514,34 @@ def test_without_a_part_nobody_is_left_out(write):
     assert "other_part" not in clean(write, hours(3))[1]["tracks"]["dropped"]
 
 
-def test_a_recording_of_one_half_hour_has_nobody_to_fit():
-    """All of it is held out: it is one block."""
-    assert in_validation_blocks(day([0, 5, 900, 1799])).all()
+@given(st.integers(7, 10_000), st.integers(0, 1_900_000_000), st.integers(0, 5))
+def test_of_a_short_recording_a_shorter_block_is_held_out(lasts, began, seed):
+    """About 15 % of its people, who come one after the other; the others are there to fit."""
+    starts = began + np.linspace(0, lasts, 300)
+    held = np.flatnonzero(in_validation_blocks(day(starts), seed))
+    assert 0 < len(held) <= VALIDATION_SHARE * 300 + 1
+    np.testing.assert_array_equal(np.diff(held), 1)
 
 
-def test_that_nobody_is_left_to_fit_is_told(write):
-    with pytest.raises(DataError, match=r"recording\.csv: cleaning left no track.*other_part"):
-        clean(write, hours(1, per_hour=1), "fit")
+@given(st.sets(st.integers(0, 20_000), min_size=2, max_size=5), st.integers(0, 5))
+def test_whoever_comes_at_two_times_can_be_fitted_and_validated(starts, seed):
+    held = in_validation_blocks(day(sorted(starts)), seed)
+    assert held.any() and not held.all()
+
+
+@pytest.mark.parametrize(
+    ("part", "content", "takes"),
+    [
+        ("fit", "0,1,0,0\n1,1,1,0\n", "people who come at different times"),
+        ("fold-5", hours(2), "2.5 hours or more, or 5 test days"),
+        ("without-1", hours(0.5), "2.5 hours or more, or 5 test days"),
+    ],
+)
+def test_who_has_nobody_left_for_a_part_is_told_why(write, part, content, takes):
+    """Not that the rules are too strict."""
+    with pytest.raises(DataError, match=f"nobody is left for `{part}`: .* {takes}; use longer recordings or more days"):
+        clean(write, content, part)
+
+
+def test_who_is_alone_is_validated(write):
     assert clean(write, hours(1, per_hour=1), "validation")[1]["tracks"]["kept"] == 1

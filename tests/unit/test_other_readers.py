@@ -162,7 +162,7 @@ def test_each_side_of_a_split_has_its_own_people_s_scenes_and_all_their_rows(wri
     scenes = [scene(p=p, s=s, e=s + 200, fps=2.5) for p in people[::2] for s in (0, 50)]
     chosen, owners, sides = Split(by="person"), [], {}
     for side in ("train", "test"):
-        tracks, _, found = cleaned(write, scenes, people, split=side, chosen=chosen)
+        tracks, _, found = cleaned(write, scenes, people, side=side, chosen=chosen)
         sides[side] = set(tracks.track_id.tolist())
         assert set(found.track_id.tolist()) == sides[side] & {id_of(p) for p in people[::2]}
         assert len(tracks.t) == 40 * len(sides[side])

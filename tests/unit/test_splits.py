@@ -1,5 +1,6 @@
 """How people of one file are divided between training and test."""
 
+from collections import Counter
 from dataclasses import replace
 from datetime import date, timedelta
 
@@ -11,14 +12,15 @@ from planted import days_of_the_archive
 from test_cleaning import track
 
 from modlhmp.cleaning import clean_recording
-from modlhmp.datasets import Dataset, divided, validation_part
+from modlhmp.datasets import Dataset, divided, folds, validation_part
 from modlhmp.file_format import Columns, FileFormat, Recording, Split
 from modlhmp.ids import Owners
-from modlhmp.splits import in_split
+from modlhmp.split_checks import check_splits
+from modlhmp.splits import BLOCK_S, CONTEMPORARIES_S, FOLDS, in_split
 from modlhmp.storage import DataError
 from modlhmp.tracks import concatenate
 
-TRAIN, TEST = (Recording(day="", split=side) for side in ("train", "test"))
+TRAIN, TEST = (Recording(day="", side=side) for side in ("train", "test"))
 
 
 def sides(tracks, chosen, owners=None):
@@ -79,7 +81,7 @@ def test_by_what_the_file_says(write):
     chosen = Split(by="column", column="set", test=("b",))
     path, found = write(content), {}
     for side in ("train", "test"):
-        tracks, account = clean_recording(path, form, Recording(day="", split=side, chosen=chosen))
+        tracks, account = clean_recording(path, form, Recording(day="", side=side, chosen=chosen))
         found[side] = set(tracks.track_id.tolist())
         assert account["rows"]["read"] == 30
     assert found == {"train": {0, 2, 4}, "test": {1, 3, 5}}
@@ -88,10 +90,10 @@ def test_by_what_the_file_says(write):
 def test_a_divided_file_is_a_recording_of_each_split():
     one, other = Recording(day="", name="hall", chosen=Split(by="time")), Recording(day="", name="plain", split="test")
     found = divided("d.yaml", [one, other])
-    assert [(part.name, part.split) for part in found] == [
-        ("hall-train", "train"),
-        ("hall-test", "test"),
-        ("plain", "test"),
+    assert [(part.name, part.split, part.side) for part in found] == [
+        ("hall-train", "train", "train"),
+        ("hall-test", "test", "test"),
+        ("plain", "test", ""),
     ]
 
 
@@ -116,6 +118,74 @@ def test_shares_of_days_are_rounded_up_as_written(number):
         assert tested(divided("d.yaml", days)) == min(-(-hundredths * number // 100), number - 1), hundredths
     training = Dataset(recordings=tuple(Recording(day=name, name=name) for name in names))
     assert tested(validation_part(training).recordings) == -(-3 * number // 10)
+
+
+# --- parts of files that hold both splits -----------------------------------------------------------------------
+
+EACH_WAY = [Split(by="person"), Split(by="time"), Split(by="column", column="set", test=("b",))]
+
+
+def of_both_sides(write, chosen, days):
+    """A dataset of so many days, a file each, with 90 persons of their own, who come every 400 s for 9 s."""
+    recordings = []
+    for day in range(1, days + 1):
+        lines = (
+            f"{100 * day + n},{'abaa'[n % 4]},{400 * n + t},{n + t},{7 * n + 0.3 * day}"
+            for n in range(90) for t in range(10)
+        )  # fmt: skip
+        path = write("id,set,t,x,y\n" + "\n".join(lines) + "\n", f"{day}.csv")
+        date = f"2030-03-{day:02}"
+        recordings.append(Recording(name=str(day), path=str(path), day=date, start="09:00", chosen=chosen))
+    columns = Columns(track_id="id", t="t", x="x", y="y")
+    return Dataset(columns=columns, header=True, timezone="UTC", recordings=divided("d.yaml", recordings))
+
+
+def cleaned(dataset):
+    """[(recording, its clean tracks)]; nobody is in two of them, as the dataset's own checks see it."""
+    found = [(one, clean_recording(one.path, dataset, one)[0]) for one in dataset.recordings]
+    assert not {one.check for one in check_splits(found, dataset)} & {"shared_people", "copied_recording"}
+    return found
+
+
+def persons(found, split):
+    """How often each person, [id, begin, end], is in a split's recordings."""
+    tracks = [tracks for one, tracks in found if one.split == split]
+    return Counter(
+        (int(one.track_id[first]), float(one.t[first]), float(one.t[last - 1]))
+        for one in tracks for first, last in zip(one.bounds()[:-1], one.bounds()[1:], strict=True)
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("days", [1, 3])
+@pytest.mark.parametrize("chosen", EACH_WAY, ids=lambda one: one.by)
+def test_a_validation_part_reads_nobody_of_the_test_side(write, chosen, days):
+    """And everybody else of the same file once, to fit or to validate."""
+    dataset = of_both_sides(write, chosen, days)
+    whole, part = cleaned(dataset), cleaned(validation_part(dataset))
+    fit, held = persons(part, "train"), persons(part, "test")
+    assert fit and held
+    assert fit + held == persons(whole, "train")
+
+
+@pytest.mark.parametrize("days", [1, 3, FOLDS + 1])
+@pytest.mark.parametrize("chosen", EACH_WAY, ids=lambda one: one.by)
+def test_in_folds_everyone_of_the_test_side_is_tested_once_and_trains_otherwise(write, chosen, days):
+    """So does the training side; but nobody within ten minutes of the fold's half-hours, or on its days."""
+    dataset = of_both_sides(write, chosen, days)
+    whole = cleaned(dataset)
+    test, everyone = persons(whole, "test"), persons(whole, "train") + persons(whole, "test")
+    tested = Counter()
+    for fold, dealt in enumerate(map(cleaned, folds(dataset))):
+
+        def apart(begin, end, fold=fold, dealt=dealt):
+            if days >= FOLDS:
+                return begin // 86400 not in {t // 86400 for _, t, _ in persons(dealt, "test")}
+            near = np.arange((begin - CONTEMPORARIES_S) // BLOCK_S, (end + CONTEMPORARIES_S) // BLOCK_S + 1)
+            return fold not in near % FOLDS
+
+        tested += persons(dealt, "test")
+        assert persons(dealt, "train") == Counter(one for one in everyone if apart(*one[1:]))
+    assert tested == test
 
 
 BY_PERSON = {"atc_1day": {"2012-10-24"}}  # a day of which one file has some people and another one the others

@@ -130,7 +130,7 @@ rule clean_recording:
             )
             for key in (
                 *("file", "member", "day", "start", "days", "people"),
-                *("split", "chosen", "part"),
+                *("chosen", "side", "part"),
             )
         },
         sources=lambda wildcards: as_plain(DATASETS[wildcards.dataset].sources),

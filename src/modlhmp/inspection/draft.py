@@ -102,7 +102,7 @@ def _split(facts: Facts) -> dict[str, Any]:
     """By time, so that the test comes after the training, unless that leaves too few on one side."""
     for by in ("time", "person"):
         chosen = Split(by=by)  # type: ignore[arg-type]
-        sides = [in_split(facts.clean, replace(facts.recording, chosen=chosen, split=one)) for one in ("train", "test")]
+        sides = [in_split(facts.clean, replace(facts.recording, chosen=chosen, side=one)) for one in ("train", "test")]
         counts = [int(side.sum()) for side in sides]
         if min(counts) >= max(LEAST_PER_SPLIT, 0.1 * sum(counts)):
             break
