@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import logging
 import re
 import subprocess
 import sys
@@ -391,6 +392,7 @@ def usual_and(maps, kind, output):
 
 @pytest.mark.parametrize("kind", ["tc_cliff", "stef", "cliff"])
 def test_hours_whose_time_zone_nobody_said_are_told(caplog, kind):
+    caplog.set_level(logging.WARNING, "modlhmp")
     modlhmp.build_map(kind, PEOPLE, SITE)
     assert not caplog.records
     modlhmp.build_map(kind, PEOPLE)

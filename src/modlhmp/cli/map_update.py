@@ -61,11 +61,7 @@ def update(
     if not (tracks or merge or remove_day or out or half_life is not None):
         raise DataError(f"{state}: nothing to do: give tracks, --merge, --remove-day, --half-life or --out")
     check_file("STATE", state, ".parquet")
-    kept = UpdatedMap.load(state) if state.exists() else None
-    if kept and (kind not in (None, kept.kind) or options):
-        raise DataError(f"{state}: it is a map of kind {kept.kind} with options of its own; leave --kind and --set out")
-    if kept and timezone not in (None, kept.site.timezone):
-        raise DataError(f"--timezone {timezone}: the map {state} is of {kept.site.timezone}; leave it out")
+    kept = _kept(state, kind, options, timezone)
     if tracks and all(map(is_dataset, tracks)) and not kept:
         check_zone(timezone, tracks[0])
     if out is not None:
@@ -89,6 +85,18 @@ def update(
     kept.save(state)
     if out is not None:
         _write(kept, out)
+
+
+def _kept(state: Path, kind: str | None, options: list[str] | None, timezone: str | None) -> UpdatedMap | None:
+    """What a state holds, None where there is none; `DataError` for what cannot be said of it any more."""
+    if not state.exists():
+        return None
+    kept = UpdatedMap.load(state)
+    if kind not in (None, kept.kind) or options:
+        raise DataError(f"{state}: it is a map of kind {kept.kind} with options of its own; leave --kind and --set out")
+    if timezone not in (None, kept.site.timezone):
+        raise DataError(f"--timezone {timezone}: the map {state} is of {kept.site.timezone}; leave it out")
+    return kept
 
 
 def _write(kept: UpdatedMap, out: Path) -> None:
