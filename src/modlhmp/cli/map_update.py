@@ -66,9 +66,8 @@ def update(
         check_zone(timezone, tracks[0])
     if out is not None:
         check_name("--out", kept.kind if kept else kind or "cliff", out)
-    walked = [
-        one for file in tracks or [] for one in _recordings(file, data_root, kept.site if kept else timezone or "UTC")
-    ]
+    place = kept.site if kept else timezone or "UTC"
+    walked = [one for file in tracks or [] for one in _recordings(file, data_root, place)]
     if len({name for name, _, _ in walked}) < len(walked):
         raise DataError("two recordings have the same name, by which their persons are known: rename a file")
     site = walked[0][2] if walked else Site(timezone=timezone or "UTC")
