@@ -64,6 +64,7 @@ def load_run(config: Mapping[str, Any], folders: Folders) -> RunSettings:
     _check_sections(run)
     _check_entries(run)
     _check_names(run)
+    _check_uses(run)
     _check_titles(run)
     known = sorted(dataset_files(folders))
     for name in run.datasets:
@@ -144,7 +145,7 @@ def _check_sections(run: RunSettings) -> None:
 
 
 def _check_names(run: RunSettings) -> None:
-    """Every method that a section names exists, and can do what is asked of it."""
+    """Every method that a section names exists."""
     named = {
         "compare": run.compare,
         "studies.method": [run.studies.method],
@@ -162,6 +163,10 @@ def _check_names(run: RunSettings) -> None:
         for name in names:
             if name not in run.entries:
                 raise DataError(unknown(f"configuration, {key}", "method", name, run.entries, kinds.NOT_INSTALLED))
+
+
+def _check_uses(run: RunSettings) -> None:
+    """Every method can do what the section that names it asks."""
     for name in run.studies.training.methods:
         if not run.kind(name).from_share:
             able = [kind.name for kind in kinds.all_kinds().values() if kind.from_share and kind.forecasts]
