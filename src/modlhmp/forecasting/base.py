@@ -41,6 +41,13 @@ class Forecast(NamedTuple):
         xy, log_fitness, steps_alive = (part[:, :number] for part in self[:3])
         return Forecast(xy, log_fitness, steps_alive, self.output)
 
+    def take(self, places: np.ndarray) -> "Forecast":
+        """The futures of each track that are at `places` [n, m], in that order."""
+        xy, log_fitness, steps_alive = (
+            np.take_along_axis(part, places.reshape(places.shape + (1,) * (part.ndim - 2)), axis=1) for part in self[:3]
+        )
+        return Forecast(xy, log_fitness, steps_alive, self.output)
+
     @property
     def results(self) -> "Forecast":
         """Those of the futures among which the result is: the median, the modes, or all."""

@@ -38,8 +38,4 @@ def kept(forecast: Forecast, number: int) -> Forecast:
     chosen = np.zeros((n, k), np.int64)
     np.add.at(chosen, (np.arange(n)[:, None], medoid), 1)
     chosen[np.arange(n), medoid[:, -1]] += steps
-    order = np.sort(np.argsort(-chosen, axis=1, kind="stable")[:, :number], axis=1)
-    xy, log_fitness, alive = (
-        np.take_along_axis(part, order.reshape(n, number, *[1] * (part.ndim - 2)), axis=1) for part in forecast[:3]
-    )
-    return Forecast(xy, log_fitness, alive, "medoid")
+    return forecast.take(np.sort(np.argsort(-chosen, axis=1, kind="stable")[:, :number], axis=1))

@@ -53,11 +53,7 @@ def best_first(forecast: Forecast) -> Forecast:
     """The futures in the order of their ranks at the longest horizon; as they are where they have none."""
     if forecast.output not in RANKED:
         return forecast
-    order = rank_order(forecast, forecast.xy.shape[2])
-    xy, log_fitness, alive = (
-        np.take_along_axis(part, order.reshape(order.shape + (1,) * (part.ndim - 2)), axis=1) for part in forecast[:3]
-    )
-    return Forecast(xy, log_fitness, alive, forecast.output)
+    return forecast.take(rank_order(forecast, forecast.xy.shape[2]))
 
 
 def _lived(steps_alive: np.ndarray, horizon: int | np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from modlhmp.datasets import Dataset
 from modlhmp.forecasting.base import RESULTS, Forecast
 from modlhmp.forecasting.files import first_seed, read_forecasts
 from modlhmp.forecasting.modes import modes_of
+from modlhmp.forecasting.outputs import kept
 from modlhmp.forecasting.ranking import longest_lived, most_likely, rank_order
 from modlhmp.forecasting.windows import windows
 from modlhmp.scenes import read_scenes
@@ -118,19 +119,13 @@ def _futures(files: Iterable[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
 
 def _shown(forecast):
     """The forecast with every future that is its result after any number of steps, and others up to `MOST_FUTURES`."""
-    if forecast.output == "mean":  # of which all are
-        return forecast
-    if forecast.output in RESULTS:
-        return forecast.first(RESULTS[forecast.output] + MOST_FUTURES)
+    if forecast.output in RESULTS or forecast.output == "mean":  # of which all are
+        return kept(forecast, MOST_FUTURES)
     n, k, steps, _ = forecast.xy.shape
     other = np.ones((n, k), bool)
     other[np.arange(n)[:, None], most_likely(forecast.log_fitness, longest_lived(forecast.steps_alive, steps))] = False
     number = max(MOST_FUTURES, int((~other).sum(axis=1).max(initial=0)))
-    order = np.sort(np.argsort(other, axis=1, kind="stable")[:, :number], axis=1)
-    xy, log_fitness, lives = (
-        np.take_along_axis(one, order.reshape(*order.shape, *[1] * (one.ndim - 2)), axis=1) for one in forecast[:3]
-    )
-    return Forecast(xy, log_fitness, lives, forecast.output)
+    return forecast.take(np.sort(np.argsort(other, axis=1, kind="stable")[:, :number], axis=1))
 
 
 def _first_forecasts(file, wanted) -> Forecast | None:
