@@ -22,7 +22,8 @@ from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.ranking import best_first
 from modlhmp.readers.raw import line_blocks
 from modlhmp.storage import DataError, write_text
-from modlhmp.tracks import LATE_STEPS, Tracks, gap_limit, positions_at
+from modlhmp.time_step import interpolate
+from modlhmp.tracks import LATE_STEPS, Tracks, gap_limit
 
 MOST_SCENES = 1 << 31  # whose frames are whole numbers that a float holds
 FIELDS = ("f", "p", "x", "y", "prediction_number", "scene_id")
@@ -52,13 +53,14 @@ def tracks_as_lines(tracks: Tracks, step_s: float) -> Iterator[str]:
     So everybody has one position in a frame and walks at their own speed. Gaps that nobody interpolates stay.
     """
     people, began = list[tuple[int, int, np.ndarray]](), tracks.t.min(initial=np.inf)
-    for begin, end in itertools.pairwise(tracks.bounds().tolist()):
-        since = tracks.t[begin:end] - tracks.t[begin]
-        when = step_s * np.arange(int(since[-1] / step_s + LATE_STEPS) + 1)
-        xy = positions_at(tracks, np.array([[begin, end - 1]]), when[None])[0]
-        for gap in np.flatnonzero(np.diff(since) > gap_limit(step_s)):
-            xy[(when > since[gap] + LATE_STEPS * step_s) & (when < since[gap + 1] - LATE_STEPS * step_s)] = np.nan
-        people.append((int(tracks.track_id[begin]), round((tracks.t[begin] - began) / step_s), xy))
+    even, late_s = interpolate(tracks, step_s), LATE_STEPS * step_s
+    bounds = (itertools.pairwise(one.bounds().tolist()) for one in (tracks, even))
+    for (begin, end), (first, last) in zip(*bounds, strict=True):
+        t, when = tracks.t[begin:end], even.t[first:last]
+        xy = np.column_stack([even.x[first:last], even.y[first:last]])
+        for gap in np.flatnonzero(np.diff(t) > gap_limit(step_s)):
+            xy[(when > t[gap] + late_s) & (when < t[gap + 1] - late_s)] = np.nan
+        people.append((int(tracks.track_id[begin]), round((t[0] - began) / step_s), xy))
     for number, (person, first, xy) in enumerate(people):
         yield scene_line(number, person, first, first + len(xy) - 1, step_s)
     for person, first, xy in people:
