@@ -90,9 +90,11 @@ def tables() -> dict[str, str]:
         for kind in kinds.BUILT_IN
         if kind.building is not None and not kind.built_like and dataclasses.fields(kind.building)
     ]
+    base = read_yaml(ROOT / "config/config.yaml", "a configuration")  # that every overlay lies over
+    sections = [f"#### `{name}`\n\n{table(cls, base=_section(base, name))}" for name, cls in SECTIONS.items()]
     return {
-        "run": table(settings.RunSettings, base=_base("")),
-        "sections": "\n\n".join(f"#### `{name}`\n\n{table(cls, base=_base(name))}" for name, cls in SECTIONS.items()),
+        "run": table(settings.RunSettings, base=base),
+        "sections": "\n\n".join(sections),
         "kinds": "\n\n".join(["\n".join(lines), *own]),
         "maps": "\n\n".join(built),
         "dataset": table(datasets.DatasetFile, required=datasets.REQUIRED),
@@ -264,12 +266,11 @@ def _options(kind: kinds.Kind) -> str:
     return f"as `{kind.section}`" if kind.section else "below"
 
 
-def _base(section: str) -> Mapping[str, Any]:
-    """What `config/config.yaml`, the base of every overlay, says in a section, such as `studies.occupied`."""
-    found = read_yaml(ROOT / "config/config.yaml", "a configuration")
-    for part in filter(None, section.split(".")):
-        found = found.get(part, {})
-    return found
+def _section(base: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """What a configuration says in a section, such as `studies.occupied`."""
+    for part in name.split("."):
+        base = base.get(part, {})
+    return base
 
 
 def _yaml(value: Any) -> str:

@@ -34,8 +34,8 @@ def scores(
 
     The first table has `COLUMNS`: `number` counts the hours, `hour` is the clock's; the second has for each map `nll`,
     `covered`, `n`, and by how much it is worse than all history, `worse`, with its 95 % interval by person `low`,
-    `high` [nat]. `half` [n] says which rows are of part 1; default: none. `person` [n] says
-    whose each row is; default: each track is a person. Tracks of several days have ids of their own.
+    `high` [nat]. `half` [n] says which rows are of part 1; default: none. `person` [n] says whose each row is; default:
+    each track is a person. Tracks of several days have ids of their own.
     """
     person = tracks.track_id if person is None else person
     half = np.zeros(len(tracks.t), bool) if half is None else half
