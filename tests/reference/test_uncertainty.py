@@ -15,6 +15,7 @@ from modlhmp.forecasting.density import density, level_that_holds
 from modlhmp.forecasting.median import with_median
 from modlhmp.forecasting.medoid import with_medoid
 from modlhmp.forecasting.modes import with_modes
+from modlhmp.forecasting.outputs import with_output
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.scenes import Scenes
 from modlhmp.scoring.protocols import score
@@ -89,7 +90,7 @@ def test_the_output_is_that_of_the_complete_protocol(seed, k):
     forecast, truth = futures(rng), rng.normal(0, 1, (4, STEPS, 2))
     length = np.full(4, STEPS)
     expected = score(forecast.first(k), truth, {"paper": length, "complete": length})["ranked", "complete"]["fde"]
-    output = own_output(forecast, k)
+    output = own_output(forecast.first(k))
     np.testing.assert_allclose(np.hypot(*np.moveaxis(output - truth, -1, 0)), expected, rtol=1e-6)
 
 
@@ -98,7 +99,7 @@ def test_samples_of_a_median_are_the_others():
     xy, alive = samples_of(forecast)
     np.testing.assert_array_equal(xy, forecast.xy[:, 1:])
     assert alive.shape == (4, 7)
-    np.testing.assert_array_equal(own_output(forecast, 3), forecast.xy[:, 0])
+    np.testing.assert_array_equal(own_output(forecast), forecast.xy[:, 0])
 
 
 # --- energy score -------------------------------------------------------------------------------------------
@@ -152,19 +153,19 @@ def test_the_true_distribution_has_the_best_energy_score():
 # --- all measures -------------------------------------------------------------------------------------------
 
 
-@given(SEEDS, st.sampled_from(["ranked", "median"]))
+@given(SEEDS, st.sampled_from(["ranked", "geometric_median", "medoid", "modes"]))
 def test_measures_equal_the_loop(seed, output):
+    """Of nine samples, and of the result of the method's own five, whatever comes out of nine."""
     rng = np.random.default_rng(seed)
-    forecast = futures(rng, m=9)
-    if output == "median":
-        forecast = with_median(forecast)
+    nine = futures(rng, m=9)
+    forecast, own = with_output(nine, output), with_output(nine.first(5), output)
     length = rng.integers(1, STEPS + 3, 4)
     truth = rng.normal(0, 1, (4, STEPS, 2))
     truth[np.arange(1, STEPS + 1) > length[:, None]] = np.nan
     steps = np.array([1, 3, STEPS])
-    got = measures(forecast, truth, length, 5, steps)
-    samples, alive = forecast.xy[:, -9:], forecast.steps_alive[:, -9:]
-    path = own_output(forecast, 5)
+    got = measures(forecast, truth, length, steps, own)
+    samples, alive = nine.xy, nine.steps_alive
+    path = own_output(own)
     for i, (column, step) in ((i, pair) for i in range(4) for pair in enumerate(steps)):
         assert got["left"][i, column] == pytest.approx(sum(alive[i] < step) / 9)
         assert got["has_left"][i, column] == (length[i] < step)
@@ -181,7 +182,7 @@ def test_measures_equal_the_loop(seed, output):
         points, y = [samples[i, j, step - 1].astype(float) for j in living], truth[i, step - 1]
         errors = [[math.dist(samples[i, j, s], truth[i, s]) for s in range(step)] for j in range(9)]
         first, away = errors[:5], [math.dist(p, path[i, step - 1]) for p in points]
-        others = len(away) - (output == "median" or 0 in away)  # but for the output itself
+        others = len(away) - (output == "geometric_median" or 0 in away)  # but for the output itself
         expected = [
             energy_loop(points, y),
             min(sum(one) / step for one in first),
@@ -206,14 +207,25 @@ def test_kde_nll_is_scipy_s(seed, m):
 
 
 def test_kde_nll_of_samples_that_have_no_density():
-    """Two samples, three on a line, one again and again, none: NaN, not a number."""
+    """Three on a line, one again and again, none, two: as bad as may be, so that means are of the same people."""
     line = np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
     points = np.stack(
         [line, np.zeros((3, 2)), np.full((3, 2), np.nan), np.where(np.arange(3)[:, None] < 2, line, np.nan)]
     )
-    assert np.isnan(kde_nll(points, np.ones((4, 2)))).all()
+    assert kde_nll(points, np.ones((4, 2))).tolist() == [20.0] * 4
+    assert np.isnan(kde_nll(points[:, :2], np.ones((4, 2)))).all(), "of a method that never has three"
     wide = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
     assert kde_nll(wide, np.array([[1e6, 0.0]])).tolist() == [20.0], "one outlier does not decide a mean"
+
+
+def test_kde_nll_where_fewer_than_three_are_still_there_is_that_of_the_held_ones():
+    rng = np.random.default_rng(13)
+    forecast, truth, length = futures(rng, n=3, m=6), rng.normal(0, 1, (3, STEPS, 2)), np.full(3, STEPS)
+    forecast.steps_alive[:] = [[0] * 6, [6, 6, 0, 0, 0, 0], [6, 6, 6, 0, 0, 0]]
+    got = measures(forecast, truth, length, np.array([STEPS]))["kde_nll"][:, 0]
+    counted = (forecast.xy[0], forecast.xy[1], forecast.xy[2, :3])
+    expected = [kde_nll(some[None, :, -1], at[None, -1])[0] for some, at in zip(counted, truth, strict=True)]
+    np.testing.assert_allclose(got, expected, rtol=1e-6)
 
 
 def test_errors_of_modes_equal_the_loop():
@@ -222,7 +234,7 @@ def test_errors_of_modes_equal_the_loop():
     forecast, truth = with_modes(futures(rng, n=6, m=9)), rng.normal(0, 1, (6, STEPS, 2))
     truth[3] = forecast.xy[3, 0]  # the first mode comes true
     length, steps = np.array([6, 6, 6, 6, 6, 2]), np.array([1, 4, STEPS])
-    got = measures(forecast, truth, length, 9, steps)
+    got = measures(forecast, truth, length, steps)
     for i, (column, step) in ((i, pair) for i in range(6) for pair in enumerate(steps)):
         values = [got[name][i, column] for name in OF_MODES]
         if length[i] < step:
@@ -235,7 +247,7 @@ def test_errors_of_modes_equal_the_loop():
         expected = [min(sum(one) / step for one in away), fde, fde + (1 - modes[p][1]) ** 2]
         np.testing.assert_allclose(values, expected, rtol=1e-5, atol=1e-6)
     assert got["modes_fde_m"][3].tolist() == [0, 0, 0]
-    other = measures(futures(rng), truth[:4], length[:4], 3, steps)
+    other = measures(futures(rng), truth[:4], length[:4], steps)
     assert all(np.isnan(other[name]).all() for name in OF_MODES)
 
 
@@ -244,16 +256,16 @@ def test_the_output_of_a_medoid_and_of_modes_is_what_is_scored():
     truth, length = rng.normal(0, 1, (4, STEPS, 2)), np.full(4, STEPS)
     for forecast in (with_medoid(futures(rng)), with_modes(futures(rng))):
         scored = score(forecast, truth, {"paper": length, "complete": length})[forecast.output, "complete"]["fde"]
-        got = measures(forecast, truth, length, 2, np.arange(1, STEPS + 1))
+        got = measures(forecast, truth, length, np.arange(1, STEPS + 1))
         np.testing.assert_allclose(got["real_m"], scored, rtol=1e-5)
-        assert got["left"].tolist() == measures(forecast.samples, truth, length, 2, np.arange(1, 7))["left"].tolist()
+        assert got["left"].tolist() == measures(forecast.samples, truth, length, np.arange(1, 7))["left"].tolist()
 
 
 def test_nothing_alive_and_one_sample():
     """Held where they ended: one distinct sample, whose energy score is its error, sure that the person has left."""
     xy, alive = np.full((1, 6, 2, 2), 3.0, np.float32), np.zeros((1, 6), np.int32)
     forecast = Forecast(xy, np.zeros((1, 6, 2), np.float32), alive, "ranked")
-    got = measures(forecast, np.array([[[3.0, 4.0], [3.0, 5.0]]]), np.array([2]), 5, np.array([1, 2]))
+    got = measures(forecast, np.array([[[3.0, 4.0], [3.0, 5.0]]]), np.array([2]), np.array([1, 2]))
     assert got["energy_m"].tolist() == got["real_m"].tolist() == got["best_fde_m"].tolist() == [[1, 2]]
     assert got["best_ade_m"].tolist() == [[1, 1.5]]
     assert np.isnan(got["expected_m"]).all(), "one sample does not say what else may happen"
@@ -282,7 +294,7 @@ def test_a_recording_is_measured_in_parts(monkeypatch):
 
     def measured():
         forecasts = forecast_recording(tracks, forecaster, SITE, ("hall", "m", "day"), 30, [0, 3])
-        return score_samples(tracks, forecasts, "day", SITE, 5, [2.0, 6.0]).to_pandas()
+        return score_samples(tracks, forecasts, "day", SITE, [2.0, 6.0]).to_pandas()
 
     whole = measured()
     assert asked == [(6, 30)] * 2
@@ -296,24 +308,38 @@ def test_a_recording_is_measured_in_parts(monkeypatch):
     assert whole.loc[whole["track_id"] == 16, "has_left"].iloc[0].tolist() == [0, 1]
 
 
+def test_the_result_is_that_of_the_forecasts_which_the_method_gives():
+    """Of five samples, while their distribution is of nine; both are of the same tracks in the same blocks."""
+    tracks, nine = walkers(3, [10, 10, 6]), futures(np.random.default_rng(14), n=3, m=9)
+    ids = np.array([10, 11, 12])
+    drawn, own = [(0, ids, nine)], with_median(nine.first(5))
+    got = score_samples(tracks, drawn, "day", SITE, [2.0], given=[(0, ids, own)]).to_pandas()
+    both = [score_samples(tracks, [(0, ids, one)], "day", SITE, [2.0]).to_pandas() for one in (own, nine)]
+    assert got["real_m"].map(list).tolist() == both[0]["real_m"].map(list).tolist()
+    assert got["energy_m"].map(list).tolist() == both[1]["energy_m"].map(list).tolist()
+    for wrong in ([], [(1, ids, own)]):
+        with pytest.raises(ValueError, match=r"not of the same tracks|other tracks"):
+            score_samples(tracks, drawn, "day", SITE, [2.0], given=wrong)
+
+
 @pytest.mark.parametrize("scenes", [None, Scenes(*np.empty((3, 0)))])
 def test_a_recording_without_a_forecast_is_measured_as_empty(scenes):
     """As a file of forecasts gives it: no block at all; its table joins those of others."""
     tracks = walkers(6, [SITE.observed_rows if scenes is None else 20] * 6)
-    nothing = score_samples(tracks, iter([]), "day", SITE, 5, [2.0, 6.0], scenes)
+    nothing = score_samples(tracks, iter([]), "day", SITE, [2.0, 6.0], scenes)
     rng, others = np.random.default_rng(1), walkers(6, [20] * 6)
     of_others = None if scenes is None else Scenes(np.arange(10, 16), others.t[::20], others.t[19::20])
     made = [(0, np.arange(10, 16), futures(rng, n=6))]
-    table = score_samples(others, made, "other", SITE, 5, [2.0, 6.0], of_others)
+    table = score_samples(others, made, "other", SITE, [2.0, 6.0], of_others)
     assert nothing.num_rows == 0 and table.num_rows == 6
     assert pa.concat_tables([with_persons(one, {15: 10}) for one in (nothing, table)]).num_rows == 6
 
 
 def test_a_file_is_summarised_by_track_then_over_tracks(tmp_path):
     """Means over the seeds first; the Brier score of each seed; n beside all."""
-    tracks, rng = walkers(3, [10, 10, 6]), np.random.default_rng(6)
+    tracks, rng = walkers(3, [10, 10, 6]), np.random.default_rng(8)
     forecasts = [(seed, np.array([10, 11, 12]), futures(rng, n=3, m=8)) for seed in (0, 1)]
-    table = score_samples(tracks, forecasts, "day", SITE, 5, [2.0, 6.0])
+    table = score_samples(tracks, forecasts, "day", SITE, [2.0, 6.0])
     write_parquet(table, tmp_path / "m.parquet", horizons_s=[2.0, 6.0])
     horizons, by_track, person = read_uncertainty(tmp_path / "m.parquet")
     assert len(set(person.tolist())) == 3
@@ -357,7 +383,7 @@ def planted(spread_of_samples, rng, output="median", n=6000, m=30):
     samples = Forecast(xy, rng.normal(0, 1, (n, m, 1)).astype(np.float32), np.ones((n, m), np.int32), "ranked")
     forecast = given_as(output, samples)
     truth = (sigma * rng.normal(0, 1, (n, 1, 1, 2)))[:, 0]
-    return measures(forecast, truth, np.ones(n, int), 1, np.array([1]))
+    return measures(forecast, truth, np.ones(n, int), np.array([1]), forecast.first(1))
 
 
 def test_truth_of_the_samples_own_distribution_is_calibrated():

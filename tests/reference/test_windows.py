@@ -337,7 +337,7 @@ def test_scores_are_of_scenes_and_clusters_of_persons(tmp_path):
     np.testing.assert_array_equal(steps, length)
     read = readings([(tracks, forecasts(tracks, ONCE, **own), scenes)], ONCE)
     assert set(read.loc[read["idle"] == "kept", "eligible"]) == {(length >= 8).sum()}
-    measured = score_samples(tracks, forecasts(tracks, ONCE, **own), "day", ONCE, 3, [2.0], scenes).to_pandas()
+    measured = score_samples(tracks, forecasts(tracks, ONCE, **own), "day", ONCE, [2.0], scenes).to_pandas()
     assert measured.loc[measured["seed"] == 0, "t0"].tolist() == found.t0.tolist()
     with pytest.raises(ValueError, match=r"other tracks|fewer tracks"):
         score_recording(tracks, forecasts(tracks, ONCE, **own), "day", ONCE)
@@ -407,7 +407,7 @@ def test_pieces_of_one_person_are_one_cluster_everywhere(tmp_path, site):
     intervals, lone = (scores("hall", one, horizons, [2, 5], days) for one in (errors, alone))
     assert (intervals["ade_m"] == lone["ade_m"]).all()
     assert not np.allclose(intervals["ade_low_m"], lone["ade_low_m"])
-    measured = with_persons(score_samples(tracks, forecasts(tracks, site), "day", site, 3, horizons), persons)
+    measured = with_persons(score_samples(tracks, forecasts(tracks, site), "day", site, horizons), persons)
     write_parquet(measured, tmp_path / "u.parquet", horizons_s=horizons)
     _, _, person = read_uncertainty(tmp_path / "u.parquet")
     first = [persons.get(track, track) for track in windows(tracks, site).track_id.tolist()]
@@ -436,7 +436,7 @@ def test_all_other_scores_count_forecasts(tmp_path):
     assert truth_met.shape == (len(found.t0), 8)
     table = readings([(tracks, forecasts(tracks, OFTEN), None)], OFTEN)
     assert set(table.loc[table["idle"] == "kept", "eligible"]) == {(length >= 8).sum()}
-    measured = score_samples(tracks, forecasts(tracks, OFTEN), "day", OFTEN, 3, [2.0, 8.0])
+    measured = score_samples(tracks, forecasts(tracks, OFTEN), "day", OFTEN, [2.0, 8.0])
     write_parquet(measured, tmp_path / "u.parquet", horizons_s=[2.0, 8.0])
     _, by_track, person = read_uncertainty(tmp_path / "u.parquet")
     assert np.isfinite(by_track["real_m"]).sum(axis=0).tolist() == [(length >= 2).sum(), (length >= 8).sum()]

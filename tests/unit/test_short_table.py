@@ -91,7 +91,7 @@ def measure(layout, dataset, seeds=(0, 1)):
             tracks, key = clean(dataset, one), (dataset.name, method, one.name)
             made = list(forecast_recording(tracks, forecaster, dataset, key, k, seeds))
             errors.append(score_recording(tracks, made, one.name, dataset).to_pandas())
-            samples.append(score_samples(tracks, made, one.name, dataset, k, HORIZONS).to_pandas())
+            samples.append(score_samples(tracks, made, one.name, dataset, HORIZONS).to_pandas())
         for path, parts, meta in (
             (layout.errors(dataset.name, method), errors, {}),
             (layout.uncertainty(dataset.name, method), samples, {"horizons_s": HORIZONS}),

@@ -100,11 +100,7 @@ rule measure_uncertainty:
         tracks=tracks_of("test"),
         map=method_map,
         exits=method_exits,
-        forecasts=lambda wildcards: (
-            LAYOUT.forecasts(wildcards.dataset, wildcards.method)
-            if wildcards.method in PLAN.learned + PLAN.handed_in
-            else []
-        ),
+        forecasts=LAYOUT.forecasts("{dataset}", "{method}"),
     output:
         LAYOUT.uncertainty("{dataset}", "{method}"),
     log:
@@ -122,6 +118,7 @@ rule measure_uncertainty:
         run=RUN.run,
         method=method_of,
         samples=RUN.uncertainty.samples,
+        drawn_again=lambda wildcards: wildcards.method not in PLAN.learned + PLAN.handed_in,
         dataset=settings_of(*FORECAST_KEYS),
         recordings=names_of("test"),
         seeds=lambda wildcards: SEEDS[wildcards.method],

@@ -19,23 +19,22 @@ with job_log(snakemake.log[0]) as log:
     params, files, names = snakemake.params, snakemake.input, snakemake.wildcards
     method, site = Method.of(params.method), build(Site, params.dataset)
     layout = Layout.around(params.run, snakemake.output[0])
-    made = files.get("forecasts")  # a network's or from outside, which are as many samples as there are
-    if not made:
+    if params.drawn_again:
         forecaster = make_forecaster(method.kind, method.options, site, files.get("map"), files.get("exits"))
-    tables, drawn, persons = [], max(method.futures, params.samples), person_ids(*files.tracks)
+    tables, k, persons = [], max(method.futures, params.samples), person_ids(*files.tracks)
     for name, file in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
         tracks, scenes, key = read_tracks(file), read_scenes(file), (names.dataset, names.method, name)
-        if made:
-            forecasts = read_forecasts(layout.forecast(*key))
-            if not read_metadata(layout.forecast(*key)).get("alike", True):
-                raise DataError(
-                    f"{names.method}: its samples differ in number or probability, and scores of distributions take "
-                    "samples that are alike: hand in as many of each track, drawn by their probabilities, or leave it "
-                    "out of `uncertainty.methods`"
-                )
-        else:
-            forecasts = forecast_recording(tracks, forecaster, site, key, drawn, params.seeds, scenes=scenes)
-        scored = score_samples(tracks, forecasts, name, site, method.futures, params.horizons, scenes)
+        stored = layout.forecast(*key)
+        if not read_metadata(stored).get("alike", True):
+            raise DataError(
+                f"{names.method}: its samples differ in number or probability, and scores of distributions take "
+                "samples that are alike: hand in as many of each track, drawn by their probabilities, or leave it "
+                "out of `uncertainty.methods`"
+            )
+        drawn, given = read_forecasts(stored), None
+        if params.drawn_again:  # more samples than the method's own, and its result, which is among these
+            drawn, given = forecast_recording(tracks, forecaster, site, key, k, params.seeds, scenes=scenes), drawn
+        scored = score_samples(tracks, drawn, name, site, params.horizons, scenes, given)
         tables.append(with_persons(scored, persons))
     if not any(table.num_rows for table in tables):
         rows = site.observed_rows + 1

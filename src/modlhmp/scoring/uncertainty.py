@@ -37,14 +37,15 @@ def score_samples(
     forecasts: Iterable[tuple[int, np.ndarray, Forecast]],
     recording: str,
     site: Site,
-    k: int,
     horizons_s: Sequence[float],
     scenes: Scenes | None = None,
+    given: Iterable[tuple[int, np.ndarray, Forecast]] | None = None,
 ) -> pa.Table:
     """The `MEASURES` of one method's forecasts of one recording; a table, one row per track and seed.
 
-    `forecasts` yields (seed, track_ids, `Forecast`) of all tracks (or of the `scenes`), in blocks, and `k` is the
-    method's own number of futures, of which there may be more. Each measure is a list over `horizons_s`, NaN where the
+    `forecasts` yields (seed, track_ids, `Forecast`) of all tracks (or of the `scenes`), in blocks. Their samples may be
+    more than the method's own futures: its result is then that of the forecasts that it has `given`, which come in the
+    same blocks (None: it is theirs). Each measure is a list over `horizons_s`, NaN where the
     track is shorter: `energy_m` the energy score [m], `kde_nll` what the function says [nat], `best_ade_m` and
     `best_fde_m` the best of the first five samples [m], `missed` (0 or 1) whether that FDE is over 2 m, those of
     `OF_MODES` what `mode_errors` says, NaN for a method of another output, `mean_ade_m` and `mean_fde_m` the mean ADE
@@ -56,8 +57,12 @@ def score_samples(
     wanted, tables = windows(tracks, site, scenes), []
     steps = np.rint(np.asarray(horizons_s) / site.time_step_s).astype(int)
     truth, length = truth_of(tracks, wanted, site)
-    for seed, mine, forecast in in_order(forecasts, wanted, recording):
-        values = measures(forecast, truth[mine], length[mine], k, steps)
+    drawn, own = in_order(forecasts, wanted, recording), in_order(given or (), wanted, recording)
+    for seed, mine, forecast in drawn:
+        if not len(mine):
+            continue
+        result = forecast if given is None else _same_block(next(own, None), seed, mine, recording)
+        values = measures(forecast, truth[mine], length[mine], steps, result)
         tables.append(_table(recording, wanted, mine, seed, values))
     if not tables:
         nothing = dict.fromkeys(MEASURES, np.empty((0, len(steps)), np.float32))
@@ -77,26 +82,37 @@ def _table(recording: str, wanted: Windows, mine: np.ndarray, seed: int, values:
     return pa.table({**of, "seed": np.full(n, seed, np.int32), **lists})
 
 
+def _same_block(own: tuple[int, np.ndarray, Forecast] | None, seed: int, mine: np.ndarray, recording: str) -> Forecast:
+    """The forecast of what is `own` to the method, if it is of the same seed and tracks; `ValueError` else."""
+    if own is None or own[0] != seed or not np.array_equal(own[1], mine):
+        raise ValueError(f"{recording}: the forecasts and their samples are not of the same tracks; remake them")
+    return own[2]
+
+
 def measures(
-    forecast: Forecast, truth: np.ndarray, length: np.ndarray, k: int, steps: np.ndarray
+    forecast: Forecast, truth: np.ndarray, length: np.ndarray, steps: np.ndarray, given: Forecast | None = None
 ) -> dict[str, np.ndarray]:
-    """{measure: [n, H] float32} after each of `steps` [H]; `truth` [n, T, 2], `length` [n] steps of it."""
+    """{measure: [n, H] float32} after each of `steps` [H]; `truth` [n, T, 2], `length` [n] steps of it.
+
+    Of the samples of `forecast` and of the result of `given`, by default the same forecast.
+    """
     xy, steps_alive = samples_of(forecast)
-    output, repeated = own_output(forecast, k), repeats(xy, steps_alive)
+    given = forecast if given is None else given
+    output, repeated = own_output(given), repeats(xy, steps_alive)
     errors = dict(zip(("ade_m", "fde_m"), displacement_errors(xy, truth), strict=True))
     found = {name: np.full((len(truth), len(steps)), np.nan, np.float32) for name in MEASURES}
     for column, step in enumerate(steps):
         points, at = still_there(xy, steps_alive, repeated, step), truth[:, step - 1]
         first, counted = of_distribution(steps_alive, repeated, step)
         # The error of a mean is the mean error of its samples, each of which is the output in turn.
-        outputs = points if forecast.output == "mean" else output[:, None, step - 1]
+        outputs = points if given.output == "mean" else output[:, None, step - 1]
         now = {
             "energy_m": energy_score(points, at),
-            "kde_nll": kde_nll(points, at),
+            "kde_nll": kde_nll(still_there(xy, steps_alive, repeated, step, least=3), at),
             **{f"best_{name}": one[:, :BEST_OF, step - 1].min(axis=1) for name, one in errors.items()},
             **{f"mean_{name}": _mean_of(one[:, :, step - 1], first, counted) for name, one in errors.items()},
-            **mode_errors(forecast, truth, step),
-            "expected_m": expected_error(points, outputs, forecast.output in FITTED),
+            **mode_errors(given, truth, step),
+            "expected_m": expected_error(points, outputs, given.output in FITTED),
             "real_m": nan_mean(distance(outputs, at[:, None]), axis=1),
             "samples": np.isfinite(points[..., 0]).sum(axis=1),
         }
@@ -131,32 +147,32 @@ def mode_errors(forecast: Forecast, truth: np.ndarray, step: int) -> dict[str, n
     return dict(zip(OF_MODES, (ade.min(axis=1), fde[rows, best], brier), strict=True))
 
 
-def own_output(forecast: Forecast, k: int) -> np.ndarray:
-    """The path [n, T, 2] that the method gives as its one result at each step; ranked, among its first `k` futures."""
-    own = forecast.first(k) if forecast.output == "ranked" else forecast.results
+def own_output(forecast: Forecast) -> np.ndarray:
+    """The path [n, T, 2] that the method gives as its one result at each step."""
+    own = forecast.results
     best = most_likely(own.log_fitness, longest_lived(own.steps_alive, own.xy.shape[2]))
     return np.take_along_axis(own.xy, best[:, None, :, None], axis=1)[:, 0]
 
 
 def of_distribution(
-    steps_alive: np.ndarray, repeated: np.ndarray, step: int, most: int = SAMPLES
+    steps_alive: np.ndarray, repeated: np.ndarray, step: int, most: int = SAMPLES, least: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
     """Which samples are the distribution after `step` steps: their places [n, `most`], and whether each counts.
 
-    They are the first that are still alive, given that the person is still there; where none is, the held ones of the
-    first samples. `repeated` [n, m] samples do not count.
+    They are the first that are still alive, given that the person is still there; where fewer than `least` are, the
+    held ones of the first samples. `repeated` [n, m] samples do not count.
     """
     counted = (steps_alive >= step) & ~repeated
-    counted = np.where(counted.any(axis=1, keepdims=True), counted, ~repeated)
+    counted = np.where(counted.sum(axis=1, keepdims=True) >= least, counted, ~repeated)
     first = np.argsort(~counted, axis=1, kind="stable")[:, :most]
     return first, np.take_along_axis(counted, first, axis=1)
 
 
 def still_there(
-    xy: np.ndarray, steps_alive: np.ndarray, repeated: np.ndarray, step: int, most: int = SAMPLES
+    xy: np.ndarray, steps_alive: np.ndarray, repeated: np.ndarray, step: int, most: int = SAMPLES, least: int = 1
 ) -> np.ndarray:
     """Positions [n, `most`, 2] of the samples `of_distribution` after `step` steps, NaN where there are fewer."""
-    first, counted = of_distribution(steps_alive, repeated, step, most)
+    first, counted = of_distribution(steps_alive, repeated, step, most, least)
     points = np.take_along_axis(xy[:, :, step - 1], first[..., None], axis=1).astype(np.float64)
     points[~counted] = np.nan
     return points
@@ -215,7 +231,8 @@ def kde_nll(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Negative log density [n] in nat of what happened, `truth` [n, 2], under a Gaussian kernel estimate of samples.
 
     `points` [n, m, 2] in m, NaN where there are fewer; the kernel is the samples' covariance by Scott's rule. At most
-    20; NaN for fewer than three samples, or samples on a line, which have no density.
+    20, as also where samples are fewer than three or on a line and so have no density: every method's mean is of the
+    same people. NaN for a method that never has three.
     """
     known = np.isfinite(points[..., 0])
     number = known.sum(axis=1)
@@ -229,7 +246,8 @@ def kde_nll(points: np.ndarray, truth: np.ndarray) -> np.ndarray:
     exponent = -0.5 * (yy[:, None] * dx**2 - 2 * xy[:, None] * dx * dy + xx[:, None] * dy**2) / determinant[:, None]
     total = logsumexp(np.where(known, exponent, -np.inf), axis=1)
     density = total - np.log(np.maximum(number, 1)) - np.log(2 * np.pi) - 0.5 * np.log(determinant)
-    return np.where(usable, -np.maximum(density, LEAST_LOG_DENSITY), np.nan)
+    charged = np.nan if points.shape[1] < 3 else -LEAST_LOG_DENSITY
+    return np.where(usable, -np.maximum(density, LEAST_LOG_DENSITY), charged)
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -78,7 +78,8 @@ def draw(
     note = (
         f"Distributions are of the first {SAMPLES} samples that are still there, given that the person is; `samples` "
         "says how many that were, a repeated one counted once. Energy score: lower is better. KDE-NLL: of the truth "
-        "under a Gaussian kernel estimate of three samples or more, at most 20. Expected error: mean distance of the "
+        "under a Gaussian kernel estimate of the same or, where fewer than three are there, of the first samples, held "
+        "where they ended; at most 20, as where these lie on a line. Expected error: mean distance of the "
         "method's own output from the other samples (a median's: their sum divided by one less than their number), of "
         "two samples or more; real error: that output's FDE, complete protocol; where the output is the mean error, "
         "both are means over every sample as the output. A method that is as sure as it may be has a ratio of 1, one "
