@@ -26,7 +26,7 @@ from modlhmp.arguments import (
 )
 from modlhmp.cleaning import check_rules, clean_recording, tell_of_faults
 from modlhmp.exchange.maps import read_tables, tell_of_zone, write_tables
-from modlhmp.exchange.parquet import PARQUET, is_parquet, read_ours
+from modlhmp.exchange.parquet import PARQUET, TEXTS, check_one_form, is_parquet, read_ours
 from modlhmp.file_format import FileFormat, Recording, check_format
 from modlhmp.forecasting.base import Forecaster
 from modlhmp.forecasting.observe import Observed
@@ -150,7 +150,7 @@ class Map:
         if form != PARQUET:
             write_tables(path, self.kind, self.whole, self.hours, form, self.site, **how)
             return
-        if path.suffix in {".csv", ".xml", ".txt"}:
+        if path.suffix in TEXTS:
             raise DataError(f"{path}: form parquet under this name; name its form, such as xml, or end in .parquet")
         if how:
             raise DataError(f"Map.save: {next(iter(how))}: form parquet has no options; leave it out")
@@ -159,6 +159,8 @@ class Map:
             raise DataError(f"{path}: a file is there; a map of kind {self.kind} is a folder, so give another name")
         if not hourly and path.is_dir():
             raise DataError(f"{path}: a folder is there; a map of kind {self.kind} is a file, so give another name")
+        if hourly:
+            check_one_form(path, f".{PARQUET}")
         if self.whole is not None:
             files[path / DAY if hourly else path] = self.whole, {}
         files |= {path / f"{hour:02d}.parquet": (table, {"hour": hour}) for hour, table in self.hours.items()}

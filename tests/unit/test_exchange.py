@@ -104,6 +104,28 @@ def test_a_map_by_hours_is_a_folder(maps, tmp_path, form):
     assert [file.name for file in (tmp_path / "hours").iterdir()] == [f"08{suffix}"], "no hour of the map before"
 
 
+@pytest.mark.parametrize("before", ["parquet", "matlab", "xml"])
+@pytest.mark.parametrize("after", ["parquet", "matlab", "xml"])
+def test_a_folder_is_of_one_map(maps, tmp_path, before, after):
+    """A map in another form is not written among the files of one, whose hours or day would be read for its own."""
+    for hour in (5, 8):
+        folder, ours = tmp_path / f"of_{hour}", maps["tc_cliff"]
+        ours.save(folder, form=before)
+        (folder / "readme.csv").touch()
+        held = {file: file.read_bytes() for file in folder.iterdir()}
+        other = modlhmp.Map("tc_cliff", SITE, None, {hour: ours.hours[8]})
+        suffix = {"matlab": ".csv"}.get(after, f".{after}")
+        if before == after:
+            other.save(folder, form=after)
+            assert {file.name for file in folder.iterdir()} == {f"{hour:02d}{suffix}", "readme.csv"}
+            continue
+        refused(r"of_\d: 07\.\w+ lies there, .* in another form than \.\w+; remove", other.save, folder, form=after)
+        assert {file: file.read_bytes() for file in folder.iterdir()} == held
+        other.save(tmp_path / "other", form=after)
+        (tmp_path / "other" / f"{hour:02d}{suffix}").rename(folder / f"{hour:02d}{suffix}")
+        refused("lies there|several forms|a file already|named 09.parquet", modlhmp.load_map, folder, site=SITE)
+
+
 def test_hours_by_names_of_others(maps, tmp_path):
     maps["tc_cliff"].save(tmp_path / "a", form="matlab")
     (tmp_path / "a/07.csv").rename(tmp_path / "a/ATC_7_online.csv")

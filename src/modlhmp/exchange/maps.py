@@ -14,21 +14,19 @@ import pyarrow as pa
 
 from modlhmp.exchange import stef_forms
 from modlhmp.exchange.forms import FORMS, Form, Repaired, find_form, recognise
-from modlhmp.exchange.parquet import PARQUET, about, is_parquet
+from modlhmp.exchange.parquet import DAY_STEM, HOUR, PARQUET, about, check_one_form, is_parquet
 from modlhmp.exchange.rows import Source
 from modlhmp.exchange.rows import read_source as read_stream
 from modlhmp.kinds import find
 from modlhmp.maps import stef
-from modlhmp.maps.base import DAY, day_file, hour_files
+from modlhmp.maps.base import day_file, hour_files
 from modlhmp.settings import check
 from modlhmp.site import Site
 from modlhmp.storage import DataError, boundary, read_parquet, write_text
 
 Tables = tuple[str, pa.Table | None, dict[int, pa.Table]]  # kind, of the whole day, {hour: of that hour}
 IMPORTED = b"imported"  # in a table's metadata: JSON of the file, its SHA-256, its form, and what was repaired
-DAY_STEM = Path(DAY).stem
 _LOG = logging.getLogger("modlhmp")
-_HOUR = "([01]?[0-9]|2[0-3])"
 
 
 def hour_sources(path: str | Path) -> dict[int | str, Path]:
@@ -40,7 +38,7 @@ def hour_sources(path: str | Path) -> dict[int | str, Path]:
     if not path.is_dir() and "{hour}" not in path.name:
         return {}
     folder, name = (path, "{hour}.*") if path.is_dir() else (path.parent, path.name)
-    pattern = re.escape(name).replace(re.escape("{hour}"), _HOUR).replace(re.escape("*"), "[a-z]+")
+    pattern = re.escape(name).replace(re.escape("{hour}"), HOUR).replace(re.escape("*"), "[a-z]+")
     found: dict[int | str, Path] = {}
     for file in sorted(folder.glob("*")):
         if matched := re.fullmatch(pattern, file.name):
@@ -234,13 +232,12 @@ def write_tables(
     if path.is_dir() != in_folder and path.exists():
         lies, wanted = ("file", "folder") if in_folder else ("folder", "file")
         raise DataError(f"{path}: a {lies} is there; this map is a {wanted}, so give another name")
+    before = check_one_form(path, suffix) if in_folder else set()
     try:
         for file, text in files.items():
             write_text(file, text)
     except OSError as error:
         raise DataError(f"{path}: cannot be written ({error})") from None
-    if in_folder:  # hours of a map that lay there before are not this one's
-        for file in hour_sources(path).values():
-            if file not in files and file.suffix == suffix:
-                file.unlink()
+    for file in before - files.keys():  # hours of a map that lay there before are not this one's
+        file.unlink()
     return list(files)

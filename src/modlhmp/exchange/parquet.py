@@ -1,15 +1,19 @@
 """Our own form of maps: a Parquet file, or a folder of hours; which files a map is made of."""
 
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
 
 from modlhmp.kinds import find
-from modlhmp.maps.base import day_file, hour_files
+from modlhmp.maps.base import DAY, day_file, hour_files
 from modlhmp.storage import DataError, read_metadata, read_parquet
 
 PARQUET, MAGIC = "parquet", b"PAR1"
+TEXTS = (".csv", ".xml", ".txt")  # endings of others' forms, `exchange.forms`
+HOUR = "([01]?[0-9]|2[0-3])"  # in the name of a file
+DAY_STEM = Path(DAY).stem
 
 
 class Ours(NamedTuple):
@@ -21,13 +25,28 @@ class Ours(NamedTuple):
     hours: dict[int, pa.Table]
 
 
+def check_one_form(folder: Path, suffix: str) -> set[Path]:
+    """The files of a map by hours in a folder; `DataError` where one has another ending than `suffix`."""
+    named = re.compile(rf"({HOUR}|{DAY_STEM})({'|'.join(map(re.escape, (f'.{PARQUET}', *TEXTS)))})")
+    found = sorted(file for file in folder.glob("*") if named.fullmatch(file.name))
+    if other := next((file for file in found if file.suffix != suffix), None):
+        raise DataError(
+            f"{folder}: {other.name} lies there, of a map in another form than {suffix}; remove that map's files, or "
+            "give another folder"
+        )
+    return set(found)
+
+
 def is_parquet(path: str | Path, form: str | None = None) -> bool:
-    """Whether a map is in our own form: as `form` says, or by its files; what is not there is taken for one."""
+    """Whether a map is in our own form: as `form` says, or by its files; what is not there is taken for one.
+
+    `DataError` for a folder with files of maps in two forms.
+    """
     path = Path(path)
     if form is not None:
         return form == PARQUET
     if path.is_dir():
-        return bool(hour_files(path) or day_file(path))
+        return bool((hour_files(path) or day_file(path)) and check_one_form(path, f".{PARQUET}"))
     if path.suffix == ".parquet" or not path.exists():
         return "{hour}" not in path.name
     with open(path, "rb") as file:
