@@ -50,8 +50,9 @@ _LOG = logging.getLogger("modlhmp")
 class PathCost:
     """What a path costs, piece by piece: arrays [n] of its pieces, and totals.
 
-    `upstream`, `down_the_cliff` (NaN for maps without speeds) and `people` (met, NaN where the map does not say how
-    many there are) are per metre at `x`, `y`; where a piece is not `mapped`, the map knows nobody and they are 0.
+    `upstream`, `down_the_cliff` (NaN for maps without speeds) and `people` (met, NaN where the map has no speeds
+    or does not say how many there are) are per metre at `x`, `y`; where a piece is not `mapped`, the map knows nobody
+    and they are 0.
     """
 
     x: np.ndarray
@@ -89,7 +90,7 @@ class PathCost:
 
     @property
     def time_s(self) -> float:
-        """Expected time to cross [s]; NaN where the map does not say how many people there are."""
+        """Expected time to cross [s]; NaN where the map has no speeds, or does not say how many people there are."""
         return self.free_s + self.delay_s * self.total("people")
 
     def draw(self, path: str | Path, floor_plan: str | Path | None = None) -> None:
@@ -121,7 +122,8 @@ def path_cost(
 
     `path` is [n, 2] of x, y in m, joined by straight lines; `speed_m_s` the robot's. `t` [unix s] chooses the map of a
     kind by hours. `people` is how many walk within the radius of the busiest location on average, which maps that were
-    built here know; each that comes within `width_m` of the robot's middle line costs `delay_s`.
+    built here know; each that comes within `width_m` of the robot's middle line costs `delay_s`. A STeF-map has no
+    speeds, so that nobody knows how many are met: it has no time, and takes no `people`.
     """
     xy = numbers("path", path)
     if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2 or not np.isfinite(xy).all():
@@ -138,8 +140,11 @@ def path_cost(
     at = places.nearest(x, y)
     mapped = at >= 0
     costs = np.zeros((3, len(x)))
+    no_time = f"a map of kind {kind} has no speeds, so no time"
     if not places.has_speeds:
         costs[1] = np.nan
+        if people is not None:
+            raise DataError(f"path_cost: people {people!r}: {no_time}; leave it out")
     crowd = places.people if people is None else people
     for piece in np.flatnonzero(mapped):
         found = places.costs(int(at[piece]), float(direction[piece]), speed_m_s)
@@ -152,7 +157,9 @@ def path_cost(
             "path_cost: the map knows %.0f %% of the path; where it knows nobody, costs are 0: see `mapped`",
             100 * cost.mapped_share,
         )
-    if np.isnan(crowd):
+    if not places.has_speeds:
+        _LOG.warning("path_cost: %s", no_time)
+    elif np.isnan(crowd):
         _LOG.warning("path_cost: the map does not say how many people there are, so no time: give `people`")
     return cost
 

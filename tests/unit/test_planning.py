@@ -131,6 +131,14 @@ def test_a_map_that_does_not_say_how_many_people_there_are():
     assert said.time_s == known.time_s > cost.free_s
 
 
+def test_a_map_without_speeds_takes_no_people(caplog):
+    """Whoever meets a robot is known by the speeds, so that there is no time however many there are."""
+    stef, path, at = modlhmp.build_map("stef", crowd(), SITE), [(-8, 0), (8, 0)], 1.3e9 + 1800
+    refused("people 3.0: a map of kind stef has no speeds, so no time; leave it out", stef, path, 1.2, at, people=3.0)
+    assert np.isnan(modlhmp.path_cost(stef, path, 1.2, at).time_s)
+    assert "a map of kind stef has no speeds, so no time" in caplog.text and "give `people`" not in caplog.text
+
+
 def test_maps_that_were_built(tmp_path):
     """People go both ways along y = 0: maps by hours and STeF-maps cost alike."""
     maps = {kind: modlhmp.build_map(kind, crowd(), SITE) for kind in ("cliff", "tc_cliff", "stef")}
