@@ -132,7 +132,10 @@ def forecaster_of(
         model = CheckedMap(model, record.name)
     if record.sampled and options.exits:
         if exits is None:
-            raise DataError(f"{record.name} with exits: true needs the ways out: give a map of kind `exits`")
+            raise DataError(
+                f"{record.name} with exits: true needs the ways out: give a map of kind `exits`, exits=..., or "
+                "--exits FILE"
+            )
         model = with_exits(model, exits, site)
     ask = import_module(str(record.forecasts)).forecaster(model, site, options)
     return ask if ours else checked(ask, record.name)

@@ -77,6 +77,11 @@ class UpdatedMap:
         return self._state.site
 
     @property
+    def building(self) -> dict[str, Any]:
+        """The kind's own options."""
+        return as_plain(self._state.building)
+
+    @property
     def half_life_h(self) -> float | None:
         """See `forget`."""
         return self._state.half_life_h
@@ -121,7 +126,7 @@ class UpdatedMap:
     def _cells(self):
         """What maps must share to be added up."""
         site = {"time zone": self.site.timezone, "time step [s]": self.site.time_step_s}
-        return {"kind": self.kind, **site, **as_plain(self._state.building)}
+        return {"kind": self.kind, **site, **self.building}
 
     def remove(self, day: str | None = None, *, person: int | None = None, recording: str = "") -> int:
         """Take out all rows of a day of the place (ISO date), or of a person; returns their number.
@@ -162,9 +167,8 @@ class UpdatedMap:
     def save(self, path: str | Path) -> None:
         """Write what it holds to a Parquet file, from which `load` goes on."""
         path = path_of("UpdatedMap.save", path)
-        options = as_plain(self._state.building)
         write_parquet(
-            self._state.state(), path, updated=self.kind, site=as_plain(self.site), building=options,
+            self._state.state(), path, updated=self.kind, site=as_plain(self.site), building=self.building,
             half_life_h=self.half_life_h,
         )  # fmt: skip
 

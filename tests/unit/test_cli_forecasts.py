@@ -102,6 +102,27 @@ def test_options_of_the_method(folder):
     np.testing.assert_allclose(modes.loc[modes["step"] == 1, "probability"], shares[shares > 0], rtol=1e-5)
 
 
+def test_the_ways_out_of_a_map_that_is_sampled(folder, tmp_path):
+    """They are a file, and the remedy that names it can be followed; without them a word says whether people leave."""
+    for kind in ("cliff", "snippets", "exits"):
+        modlhmp.build_map(kind, CROWD).save(tmp_path / f"{kind}.parquet")
+    walks, cliff, exits = (folder / "walks.parquet", tmp_path / "cliff.parquet", tmp_path / "exits.parquet")
+    arguments = ("forecast", "--tracks", walks, "--horizon", 5, "--map")
+    futures = modlhmp.forecast(modlhmp.load_map(cliff), CROWD, 5, exits=modlhmp.load_map(exits))
+    assert len(table(*arguments, cliff, "--exits", exits)) == futures.forecast.samples.steps_alive.sum()
+    for words, told in (
+        (("--set", "exits=true"), "needs the ways out: give a map of kind `exits`, .*--exits FILE"),
+        (("--set", f"exits={exits}"), "--set exits=.*exits.parquet: here that is --exits FILE"),
+        (("--set", "exits=false", "--exits", exits), "--set exits=False: here that is --exits FILE"),
+        (("--exits", cliff), "give True, False, or a map of kind `exits`"),
+    ):
+        with pytest.raises(modlhmp.DataError, match=told):
+            said(*arguments, cliff, *words)
+    snippets = modlhmp.load_map(tmp_path / "snippets.parquet")
+    stay = modlhmp.forecast(snippets, CROWD, 5, exits=False).forecast.samples.steps_alive.sum()
+    assert len(table(*arguments, tmp_path / "snippets.parquet", "--set", "exits=false")) == stay
+
+
 def test_texts_are_no_ids_of_trajnet(folder, tmp_path):
     """They would become numbers that are nobody's, and too large for most readers of JSON."""
     with pytest.raises(

@@ -462,6 +462,30 @@ def test_a_map_is_updated_piece_by_piece(folder, tmp_path):
     assert modlhmp.load_map(tmp_path / "exits.parquet").whole.equals(modlhmp.load_map(folder / "exits.parquet").whole)
 
 
+def test_a_new_state_is_of_what_is_said_or_merged(tmp_path, monkeypatch, capsys):
+    """A mistyped name is no new map, and one that begins with others' is of their kind, site and options."""
+    new = tmp_path / "new.state.parquet"
+    for words in (("--out", tmp_path / "new.parquet"), ("--half-life", 12), ("--remove-day", "2012-10-24")):
+        assert f"{new}: no such file" in refused(monkeypatch, capsys, "update", new, *words)
+    assert not list(tmp_path.iterdir())
+    tracks = crowd()
+    site, names = modlhmp.Site(timezone="Asia/Tokyo", time_step_s=0.4), ("even", "odd")
+    whole = UpdatedMap("snippets", site, cell_m=2.0)
+    for part, name in enumerate(names):
+        rows, one = tracks.take(tracks.track_id % 2 == part), UpdatedMap("snippets", site, 3, cell_m=2.0)
+        rows = rows._replace(t=rows.t[0] + 0.4 * (rows.t - rows.t[0]))
+        one.add(rows, name)
+        whole.add(rows, name)
+        one.save(tmp_path / f"{name}.parquet")
+    merged = [word for name in names for word in ("--merge", tmp_path / f"{name}.parquet")]
+    assert "leave --kind and --set out" in refused(monkeypatch, capsys, "update", new, *merged, "--kind", "stef")
+    assert "is of Asia/Tokyo; leave it out" in refused(monkeypatch, capsys, "update", new, *merged, "--timezone", "UTC")
+    said("update", new, *merged)
+    found = UpdatedMap.load(new)
+    assert (found.site, found.building, found.half_life_h) == (site, whole.building, None)
+    assert found.written().whole.equals(whole.written().whole)
+
+
 def _rows(folder):
     return modlhmp.load_map(folder / "exits.parquet").whole.num_rows
 

@@ -7,7 +7,7 @@ import numpy as np
 import typer
 
 from modlhmp.cli.app import DATA_ROOT, DataRoot, SetOption, app
-from modlhmp.cli.inputs import STREAM, check_file, map_or_kind, named_values, read_walkers
+from modlhmp.cli.inputs import STREAM, check_file, map_or_kind, named_values, read_walkers, with_exits
 from modlhmp.storage import DataError
 from modlhmp.tracks import shown_s
 
@@ -34,6 +34,7 @@ def forecast(
     data_root: DataRoot = DATA_ROOT,
     best: Annotated[bool, typer.Option("--best", help="One path for each person instead of the samples.")] = False,
     seed: Annotated[int, typer.Option(metavar="NUMBER", help="Of the samples.")] = 0,
+    exits: Annotated[Path | None, typer.Option(metavar="FILE", help="The ways out, for a map that is sampled.")] = None,
     options: SetOption = None,
     plot: Annotated[bool, typer.Option("--plot", help="Draw them, too: a picture beside the file.")] = False,
 ) -> None:
@@ -60,6 +61,7 @@ def forecast(
     if out != STREAM:
         check_file("--out", out, *FORMS)
     source = map_or_kind(by)
+    given = with_exits(named_values(options, HERE), exits)
     of_map = None if isinstance(source, str) else source.site
     walkers, owners, recorded, own = read_walkers(tracks, None if of_map is None else of_map.time_step_s, data_root)
     site = of_map or own
@@ -67,7 +69,7 @@ def forecast(
     _check_ids(owners, seen, tracks, out)
     if recorded and of_map is None and site.velocity == "differences":
         _tell_of_speeds(by, tracks)
-    futures = modlhmp.forecast(source, seen, horizon, seed, site=site, **named_values(options, HERE))
+    futures = modlhmp.forecast(source, seen, horizon, seed, site=site, **given)
     _tell_of_unknown(futures, tracks)
     _write(futures, owners, out, best)
     if plot:

@@ -53,6 +53,13 @@ def named_values(given: list[str] | None, here: Mapping[str, str]) -> dict[str, 
     return found
 
 
+def with_exits(given: dict[str, Any], ways_out: Path | None) -> dict[str, Any]:
+    """What `--set` gave with the map of `--exits FILE`, beside which exits=true and exits=false are all it may say."""
+    if "exits" in given and (ways_out is not None or not isinstance(given["exits"], bool)):
+        raise DataError(f"--set exits={given['exits']}: here that is --exits FILE")
+    return given if ways_out is None else {**given, "exits": load_map(ways_out)}
+
+
 class Walkers(NamedTuple):
     """Tracks, {track id: the owner's id} of those that differ, whether the file has speeds itself, and the site.
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from modlhmp.live import Live
 
 NO_ROW, INTERRUPTED = 3, 130  # of the status
-HERE = {"by": "--map", "horizon_s": "--horizon", "exits": "--exits FILE", "key": "", "site": ""}
+HERE = {"by": "--map", "horizon_s": "--horizon", "key": "", "site": ""}
 LEAST_EVERY_S, MOST_EVERY_S = 0.01, 3600.0
 HELP = """Forecast people as they are seen: JSON lines in, JSON lines out.
 
@@ -128,15 +128,13 @@ def _counted(counts: Mapping[str, int]) -> int:
 
 def _forecaster(map_file: str, horizon_s: float | None, exits: Path | None, options: list[str] | None) -> "Live":
     """The `Live` of what was said."""
-    from modlhmp.api import load_map  # noqa: PLC0415 - as other verbs do
-    from modlhmp.cli.inputs import map_or_kind, named_values  # noqa: PLC0415
+    from modlhmp.cli.inputs import map_or_kind, named_values, with_exits  # noqa: PLC0415 - as other verbs do
     from modlhmp.live import Live  # noqa: PLC0415
     from modlhmp.updates import UpdatedMap, is_state  # noqa: PLC0415
 
-    given = named_values(options, HERE)
-    ways_out = None if exits is None else load_map(exits)
+    given = with_exits(named_values(options, HERE), exits)
     source = UpdatedMap.load(map_file) if is_state(map_file) else map_or_kind(map_file)
-    return Live(source, horizon_s, **{"exits": ways_out, **given})
+    return Live(source, horizon_s, **given)
 
 
 def _moments(forecaster: "Live", listed: str) -> list[float]:

@@ -56,12 +56,18 @@ def update(
     modlhmp map update steps.state.parquet monday.parquet --kind episodes --out steps.parquet
 
     Tracks may come in any order, in pieces of any size, and twice; a file's name, without its ending, names the
-    recording whose ids they have. What equals what is in docs/updated-maps.md.
+    recording whose ids they have. A new map that others are merged into, without tracks, is of the first one's kind,
+    site and options. What equals what is in docs/updated-maps.md.
     """
     if not (tracks or merge or remove_day or out or half_life is not None):
         raise DataError(f"{state}: nothing to do: give tracks, --merge, --remove-day, --half-life or --out")
     check_file("STATE", state, ".parquet")
-    kept = _kept(state, kind, options, timezone)
+    if not state.exists() and not (tracks or merge):
+        raise DataError(f"{state}: no such file; give tracks or --merge for a new map")
+    kept = _kept(state, kind, options, timezone) if state.exists() else None
+    if not kept and merge and not tracks:
+        first = _kept(merge[0], kind, options, timezone)
+        kept = UpdatedMap(first.kind, first.site, **first.building)
     if tracks and all(map(is_dataset, tracks)) and not kept:
         check_zone(timezone, tracks[0])
     if out is not None:
@@ -86,10 +92,8 @@ def update(
         _write(kept, out)
 
 
-def _kept(state: Path, kind: str | None, options: list[str] | None, timezone: str | None) -> UpdatedMap | None:
-    """What a state holds, None where there is none; `DataError` for what cannot be said of it any more."""
-    if not state.exists():
-        return None
+def _kept(state: Path, kind: str | None, options: list[str] | None, timezone: str | None) -> UpdatedMap:
+    """What a state holds; `DataError` for what cannot be said of it any more."""
     kept = UpdatedMap.load(state)
     if kind not in (None, kept.kind) or options:
         raise DataError(f"{state}: it is a map of kind {kept.kind} with options of its own; leave --kind and --set out")
