@@ -58,6 +58,16 @@ def test_a_site_is_a_run_of_its_dataset_with_every_method_against_the_reference(
     assert set(sweep.files("s-2")) == {"south.csv", str(sweep.folders[0] / "south.yaml")}
 
 
+def test_the_reference_may_stand_on_either_side_of_a_configured_pair(listed):
+    """Also with the shipped configuration, in which `cliff` stands first and `tc_cliff`, too."""
+    shared = {"data_root": ".", "ladder": {"rows": []}}
+    for reference, *others in (("cliff", "cvm", "tc_cliff"), ("tc_cliff", "cliff"), ("cvm", "cliff")):
+        sweep = listed({"north": None}, reference=reference, shared={**shared, "compare": [reference, *others]})
+        sweep.check()
+        pairs = [pair for pair in sweep.site("north").plan.tested_pairs if reference in pair]
+        assert sorted(pairs) == [[other, reference] for other in others]
+
+
 def test_a_site_s_files_are_all_that_its_run_reads_and_does_not_make(listed, tmp_path):
     """So that a change of any runs it again."""
     dataset = tmp_path / "north.yaml"

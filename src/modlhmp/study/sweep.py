@@ -136,8 +136,9 @@ class Sweep:
                 f"reference: {self.settings.reference} is not compared there, but {', '.join(map(str, compare))}; add "
                 "it to `compare`, or name another reference"
             )
-        pairs += [[one, self.settings.reference] for one in compare if one != self.settings.reference]
-        own["comparisons"] = whole["comparisons"] = [pair for n, pair in enumerate(pairs) if pair not in pairs[:n]]
+        wanted = [[one, self.settings.reference] for one in compare if one != self.settings.reference]
+        turned = [pair[::-1] if pair[::-1] in wanted else pair for pair in pairs]  # no pair stands there in both orders
+        own["comparisons"] = whole["comparisons"] = turned + [pair for pair in wanted if pair not in turned]
         run = load_run(whole, self.folders)
         layout = Layout(run.run)
         root = os.path.expanduser(os.environ.get("MODLHMP_DATA") or run.data_root)
