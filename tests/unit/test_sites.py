@@ -1,5 +1,6 @@
 """Many sites: what a list of sites may say, and one table across them whose tests are by site."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -128,6 +129,17 @@ def test_every_wrong_site_is_named_before_anything_runs(listed, sites, more, sai
     with pytest.raises(DataError) as error:
         sweep.check()
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize("root", [".", "there", "linked", "hard"])
+def test_a_recording_that_two_sites_test_is_found_by_whatever_name(listed, tmp_path, root):
+    """By its whole path, or through a link to its folder or to itself; the demo's settings are no matter."""
+    (tmp_path / "linked").symlink_to(tmp_path)
+    (tmp_path / "hard").mkdir()
+    os.link(tmp_path / "north.csv", tmp_path / "hard/north.csv")
+    again = {"datasets": ["north"], "data_root": str(tmp_path) if root == "there" else root, "demo": {"seed": 7}}
+    with pytest.raises(DataError, match=r"sites north and again: both test .*north\.csv"):
+        listed({"north": {}, "south": {}, "again": again}).check()
 
 
 def test_a_run_of_the_same_name_is_not_overwritten(listed, tmp_path):

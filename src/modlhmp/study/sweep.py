@@ -6,7 +6,7 @@ A site is what its configuration has beyond what all have: a dataset, or days of
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,6 +17,8 @@ from snakemake.utils import update_config
 
 from modlhmp.datasets import Dataset
 from modlhmp.exchange.maps import map_files
+from modlhmp.file_format import Recording
+from modlhmp.origins import file_state
 from modlhmp.settings import check, option
 from modlhmp.storage import DataError
 from modlhmp.study.configuration import dataset_files, load_datasets, load_run
@@ -171,7 +173,7 @@ class Sweep:
     def check(self) -> None:
         """`DataError` that names every site that cannot run, and why, and those that are not two."""
         wrong: list[str] = []
-        tested: dict[Any, str] = {}
+        tested: dict[Hashable, str] = {}
         for name in self.names:
             try:
                 site = self.site(name)
@@ -188,9 +190,7 @@ class Sweep:
                     f"site {name}: {site.plan.layout.results} is there already and not of this sweep, whose run would "
                     "overwrite it: rename the site or the sweep, or remove that folder"
                 )
-            for one in site.dataset.of_split("test"):
-                # Of generated recordings every run has its own.
-                key = (one.stored.removeprefix(site.plan.layout.demo), one.member, one.part, site.plan.run.demo)
+            for one, key in _tested(site):
                 other = tested.setdefault(key, name)
                 if other != name:
                     wrong.append(
@@ -202,8 +202,17 @@ class Sweep:
             raise DataError("\n".join([*wrong[:20], *([f"... and {len(wrong) - 20} more"] if wrong[20:] else [])]))
 
 
-def _files(recording: Any) -> list[str]:
+def _files(recording: Recording) -> list[str]:
     return list(recording.people) or [recording.stored]
+
+
+def _tested(site: Site) -> Iterator[tuple[Recording, Hashable]]:
+    """A site's test recordings, each with what every file of it is known by, whatever it is called."""
+    for one in site.dataset.of_split("test"):
+        for file in _files(one):
+            # Of generated recordings every run has its own.
+            made = (file.removeprefix(site.plan.layout.demo), site.plan.run.demo) if site.dataset.demo else None
+            yield one, (made or file_state(file) or os.path.realpath(file), one.member, one.part)
 
 
 def load_sweep(config: Mapping[str, Any], configs: Sequence[str | Path], folders: Sequence[str | Path]) -> Sweep:
