@@ -6,13 +6,19 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from job import run_job
 
 from modlhmp.origins import file_sha256, provenance
 from modlhmp.storage import read_metadata, write_json, write_parquet, write_text
 from modlhmp.study import certificate as of
 from modlhmp.study.claims import CLAIMS
+from modlhmp.study.configuration import load_datasets, load_run
 from modlhmp.study.exhibits.table_forms import write_table
 from modlhmp.study.layout import Layout
+from modlhmp.study.plan import Plan
+from modlhmp.yaml_file import read_yaml
+
+MAP = "".join(f"{n},0,{0.2 * n:.1f},1.1,0.1,0,0,0.1,1,1,0.5\n" for n in range(30))  # of a CLiFF-map
 
 
 @pytest.fixture
@@ -84,6 +90,94 @@ def test_published_maps_of_one_name_are_all_named(layout, tmp_path):
     assert of.inputs(layout) == {**before, "hall/map.csv@aa": "aa", "hall/map.csv@bb": "bb", "forum/map.csv": "cc"}
 
 
+def test_forecasts_from_outside_and_floor_plans_are_named(layout):
+    """By the results that hold them; a recording that these hand on is named once."""
+    before = of.inputs(layout)
+    for path, sources in [
+        (layout.forecast("hall", "theirs", "monday"), {"forecasts.csv": "aa"}),
+        (layout.forecast("hall", "others", "monday"), {"forecasts.csv": "bb"}),
+        (layout.errors("hall", "theirs"), {"forecasts.csv": "aa", "hall.pgm": "cc"}),
+        (layout.ttests("hall"), {"hall.pgm": "cc"}),
+    ]:
+        write_parquet({"x": [1.0]}, path, sources={"monday.csv": "ab12", **sources})
+    more = {"hall/forecasts.csv@aa": "aa", "hall/forecasts.csv@bb": "bb", "hall/hall.pgm": "cc"}
+    assert of.inputs(layout) == {**before, **more}
+
+
+@pytest.fixture
+def configured(tmp_path, config_folder):
+    """Function of a data root, text and lines of the dataset file: the configuration of a run of it, by hashes."""
+    default = read_yaml(config_folder / "config.yaml", "") | read_yaml(config_folder / "budgets.yaml", "")
+    listed = {"datasets": ["plaza"], "compare": ["cvm"], "ladder": {"rows": []}, "run": "mine"}
+
+    def digests(root, text="", **more):
+        folder = tmp_path / root
+        folder.mkdir(exist_ok=True)
+        (folder / "walks.csv").write_text("1,0,0,0\n")
+        (tmp_path / "plaza.yaml").write_text(f"""
+title: Plaza
+reader: delimited
+timezone: UTC
+recordings: [{{files: walks.csv, day: 2031-03-03, split: {{by: time}}}}]
+columns: {{track_id: 0, t: 1, x: 2, y: 3}}
+floor_plan: plan.yaml
+velocity: differences
+citation: made up
+terms: free
+{text}
+""")
+        run = load_run({**default, **listed, "data_root": str(folder), **more}, tmp_path)
+        layout = Layout("mine")
+        plan = Plan(run, layout, load_datasets(run, tmp_path, folder, layout.demo))
+        return of.certificate(Layout("mine", str(tmp_path)), plan.configuration, tmp_path)["configuration"]
+
+    return digests
+
+
+def test_a_dataset_s_settings_count_and_where_its_files_lie_does_not(configured):
+    ours = configured("here", "horizon_s: 10")
+    assert ours == configured("there", "horizon_s: 10")
+
+    def changed(text, **more):
+        theirs = configured("here", text, **more)
+        return {name for name in {*ours, *theirs} if ours.get(name) != theirs.get(name)}
+
+    assert changed("horizon_s: 20") == {"datasets/plaza"}
+    assert changed("horizon_s: 10\ntuned: {snippets: {k: 9}}") == {"datasets/plaza"}
+    assert changed("horizon_s: 10", evaluate_on="validation") == {"datasets/plaza", "evaluate_on"}
+
+
+def test_results_do_not_depend_on_where_files_lie(tmp_path):
+    """Recordings of one file each person, and maps of others: their bytes and names count."""
+    made = []
+    for root in (tmp_path / "here", tmp_path / "there"):
+        root.mkdir()
+        files = [str(root / f"{name}.csv") for name in "ab"]
+        for number, file in enumerate(files):
+            write_text(file, "".join(f"{t},{0.5 * t},{number}\n" for t in range(20)))
+        raw = {"file": "a.csv", "member": None, "day": "2031-03-03", "start": "09:00", "days": 1, "people": files}
+        dataset = {"reader": "delimited", "file_is": "person", "columns": {"t": 0, "x": 1, "y": 2}, "timezone": "UTC"}
+        log, layout = str(root / "log"), Layout("r", str(root))
+        done = run_job(
+            "clean_recording", input={"raw": files}, wildcards={"dataset": "hall", "recording": "a"}, log={"it": log},
+            output={"tracks": layout.tracks("hall", "a"), "account": layout.account("hall", "a")},
+            params={"dataset": dataset, "recording": raw, "sources": [], "sums": "sums", "code": "c"},
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        theirs = str(root / "map.csv")
+        write_text(theirs, MAP)
+        done = run_job(
+            "import_map", input={"map": [theirs], "tracks": [layout.tracks("hall", "a")]}, log={"it": log},
+            output={"map": layout.published_map("hall", "theirs", "cliff")}, wildcards={"dataset": "hall"},
+            params={"run": "r", "file": "map.csv", "form": None, "kind": "cliff", "sums": {theirs: "0"},
+                    "origin_m": [0, 0], "dataset": {}, "code": "c"},
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        made.append(of.outputs(layout))
+    assert len(made[0]) == 3
+    assert made[0] == made[1]
+
+
 def test_times_do_not_count(layout):
     before = of.outputs(layout)
     write_json(layout.training("hall", "lstm"), {"epochs": 3, "core_minutes": 9.5, "curve": [{"seconds": 7.0, "n": 2}]})
@@ -149,6 +243,24 @@ def test_two_runs_differ_for_a_reason(certified, tmp_path, capsys):
     assert against(outputs={"results/hall/maps/stef.parquet": "1" * 64})[0]["outputs"] == [
         "results/hall/maps/stef.parquet: only in the other"
     ]
+
+
+def test_a_certificate_of_an_earlier_form_lacks_no_reason(certified, tmp_path):
+    """It names less of what went in: only what both name is compared, and the project is not blamed."""
+    ours = json.loads(Path(certified.certificate).read_text())
+    earlier = {key: value for key, value in ours.items() if key not in ("modlhmp.seal", "form")}
+    earlier["inputs"], earlier["configuration"] = {}, {"seeds": ours["configuration"]["seeds"], "data_root": "0" * 64}
+    write_json(tmp_path / "earlier.json", earlier)
+    assert of.verify(certified, tmp_path / "earlier.json")[1].endswith("the same: all 4 outputs")
+    write_json(tmp_path / "earlier.json", {**earlier, "outputs": {}})
+    found, told = of.verify(certified, tmp_path / "earlier.json")
+    assert found.keys() == {"outputs"}
+    assert told.endswith("4 of 4 outputs differ; a certificate of an earlier form does not name all that went in")
+    write_json(tmp_path / "earlier.json", {**earlier, "outputs": {}, "configuration": {"seeds": "1" * 64}})
+    assert (
+        "with other configuration, which may be why; a certificate of"
+        in of.verify(certified, tmp_path / "earlier.json")[1]
+    )
 
 
 def test_the_command_has_a_status(certified, tmp_path, monkeypatch, capsys):

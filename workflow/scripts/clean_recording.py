@@ -26,6 +26,8 @@ with job_log(snakemake.log[0]) as log:
     scenes = {"scenes": account.pop("scenes")} if "scenes" in account else {}
     log.info("account: %s", account)
     write_json(snakemake.output.account, account)
-    origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input, hashes)
+    # Where files lie is no setting: their names and bytes are among the sources.
+    settings = {**params, "recording": {**params.recording, "people": [Path(one).name for one in recording.people]}}
+    origin = provenance(dict(snakemake.wildcards), settings, snakemake.input, hashes)
     beside = scenes | {name: account[name] for name in ("owners", "persons") if name in account}
     write_tracks(tracks, snakemake.output.tracks, **origin, **beside)

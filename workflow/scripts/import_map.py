@@ -31,7 +31,9 @@ with job_log(snakemake.log[0]) as log:
     walkers = together(map(read_tracks, snakemake.input.tracks))
     share = check_box(path, box_of(tables), np.column_stack([walkers.x, walkers.y]))
     log.info("%s: %d rows; %.1f %% of the test rows lie in its box", path, sum(map(len, tables)), 100 * share)
-    origin = provenance(dict(snakemake.wildcards), dict(params), snakemake.input.map, hashes)
+    # Where files lie is no setting: their names and bytes are among the sources.
+    settings = {key: value for key, value in params.items() if key not in ("file", "sums")}
+    origin = provenance(dict(snakemake.wildcards), settings, snakemake.input.map, hashes)
     origin |= {"kind": kind.name, "site": as_plain(site)}
     if kind.hourly:
         out.mkdir(parents=True, exist_ok=True)

@@ -44,12 +44,14 @@ LEFT_OUT = {
 TIMES = re.compile(r"seconds|minutes|ms per track|convergence")
 TIMED_ROWS = {CLAIMS[name].text for name in MEASURED}
 VARIABLES = ("NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "OMP_NUM_THREADS", "LC_ALL", "TZ")
+FORM = 2  # of what a certificate names; the first had neither dataset files nor floor plans nor forecasts from outside
 REASONS = ("inputs", "configuration", "code", "environment")
 
 
 def certificate(layout: Layout, config: Mapping[str, Any], root: str | Path) -> dict[str, Any]:
-    """The certificate of a run that has been made, with the configuration it was made of; `root` is the project's."""
+    """The certificate of a run that has been made, of its `Plan.configuration`; `root` is the project's folder."""
     return {
+        "form": FORM,
         "run": layout.run,
         "commit": _commit(root),
         "inputs": inputs(layout),
@@ -62,21 +64,21 @@ def certificate(layout: Layout, config: Mapping[str, Any], root: str | Path) -> 
 
 
 def inputs(layout: Layout) -> dict[str, str]:
-    """SHA-256 of every file from outside, by the names of the result that it was read for and of the file.
+    """SHA-256 of every file from outside, by the dataset and the file, recordings also by their own names.
 
-    They are those of the bytes that were read: results carry them.
+    They are those of the bytes that were read: results carry them, whatever kind of file it was.
     """
-    found = {}
-    for path in sorted(Path(layout.results).glob("*/tracks/*.parquet")):
+    results, recordings, others = Path(layout.results), dict[str, str](), list[tuple[str, str, str]]()
+    for path in sorted(results.glob("*/**/*.parquet")):
+        dataset, folder = path.relative_to(results).parts[:2]
         for name, digest in read_metadata(path).get("sources", {}).items():
-            found[f"{path.parts[-3]}/{path.stem}/{name}"] = digest
-    results = Path(layout.results)
-    maps = [
-        (f"{path.relative_to(results).parts[0]}/{name}", digest)
-        for path in sorted(results.glob("*/maps/published/**/*.parquet"))
-        for name, digest in read_metadata(path).get("sources", {}).items()
-    ]
-    return found | by_name(maps)
+            if folder == "tracks":
+                recordings[f"{dataset}/{path.stem}/{name}"] = digest
+            else:
+                others.append((dataset, name, digest))
+    known = {(name.split("/")[0], digest) for name, digest in recordings.items()}
+    rest = [(f"{dataset}/{name}", digest) for dataset, name, digest in others if (dataset, digest) not in known]
+    return recordings | by_name(rest)
 
 
 def outputs(layout: Layout) -> dict[str, str]:
@@ -129,39 +131,46 @@ def environment(root: str | Path) -> dict[str, str]:
 
 
 def differences(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> dict[str, list[str]]:
-    """{part of the certificate: what differs there}; parts that are the same are left out."""
+    """{part of the certificate: what differs there}; parts that are the same are left out.
+
+    Of two forms, one names more of what went in than the other: only what both name is compared there.
+    """
     found = {}
     for part in (*REASONS, "outputs"):
         one, other = ours.get(part, {}), theirs.get(part, {})
-        named = [name for name in sorted({*one, *other}) if one.get(name) != other.get(name)]
+        in_both = part in ("inputs", "configuration") and ours.get("form") != theirs.get("form")
+        names = {*one} & {*other} if in_both else {*one, *other}
+        named = [name for name in sorted(names) if one.get(name) != other.get(name)]
         if named:
             found[part] = [_difference(name, one.get(name), other.get(name)) for name in named]
     return found
 
 
-def verdict(found: Mapping[str, Sequence[str]], number: int) -> str:
-    """What differences (`differences`) between two runs, of `number` outputs, come to, in one sentence."""
+def verdict(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> str:
+    """What the differences between two certificates come to, in one sentence."""
+    found, number = differences(ours, theirs), len(ours["outputs"])
     reasons = [part for part in REASONS if part in found]
     if "outputs" not in found:
         return f"the same: all {number:,} outputs" + (f", with other {_and(reasons)}" if reasons else "")
-    differ = f"{len(found['outputs']):,} of {number:,} outputs differ"
+    told = f"{len(found['outputs']):,} of {number:,} outputs differ"
     if reasons:
-        return f"{differ}, with other {_and(reasons)}, which may be why"
-    return f"{differ}, and nothing that went in does: please report this"
+        told += f", with other {_and(reasons)}, which may be why"
+    if any(one.get("form") != FORM for one in (ours, theirs)):
+        return f"{told}; a certificate of an earlier form does not name all that went in"
+    return told if reasons else f"{told}, and nothing that went in does: please report this"
 
 
 def verify(layout: Layout, other: str | Path | None) -> tuple[dict[str, list[str]], str]:
     """(differences, verdict) of a run's files from its certificate, or from another one; `DataError` without any."""
     own = read_json(layout.certificate)
     now = {**own, "outputs": outputs(layout)}
-    changed = differences(now, own)
+    changed, number = differences(now, own), len(own["outputs"])
     if changed or other is None:
-        what = "since the certificate was written: "
-        return changed, what + (verdict(changed, len(own["outputs"])) if not changed else
-                                f"{len(changed['outputs'])} of {len(own['outputs'])} outputs have changed")  # fmt: skip
+        told = f"{len(changed['outputs'])} of {number} outputs have changed" if changed else verdict(now, own)
+        return changed, f"since the certificate was written: {told}"
     with boundary(other, "cannot be read as a certificate"):
-        found = differences(own, read_json(other))
-    return found, f"{other}: {verdict(found, len(own['outputs']))}"
+        theirs = read_json(other)
+        return differences(own, theirs), f"{other}: {verdict(own, theirs)}"
 
 
 def _files(folder: Path) -> Iterator[tuple[str, Path]]:

@@ -25,6 +25,7 @@ SCORE_KEYS = (*FORECAST_KEYS, "paper_protocol")
 SITE_KEYS = (*TRAINING_KEYS, "paper_protocol", "hours")  # of the `Site` that a map carries
 MOST_CURVES = 12  # in one panel, before they hide each other
 NOT_SHOWN = ("recordings", "sources")  # lists of files, which exhibits do not depend on
+PLACES = ("floor_plan", "path", "stored", "file", "exists", "people")  # of a dataset or recording: where files lie
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,21 @@ class Plan:
         """A dataset's settings for these keys, or all but the lists of files, as mappings and scalars."""
         plain = as_plain(self.datasets[dataset])
         return {key: plain[key] for key in (keys or sorted(plain.keys() - set(NOT_SHOWN)))}
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """All settings that decide the run: every section, and of every dataset, as `datasets/<name>`.
+
+        Not where files lie, which is elsewhere on another machine: what they hold is known by their hashes.
+        """
+        found = {key: value for key, value in as_plain(self.run).items() if key != "data_root"}
+        for name, dataset in self.datasets.items():
+            settings = {key: value for key, value in self.settings_of(name).items() if key not in PLACES}
+            recordings = [
+                {key: value for key, value in as_plain(one).items() if key not in PLACES} for one in dataset.recordings
+            ]
+            found[f"datasets/{name}"] = settings | {"recordings": recordings}
+        return found
 
     @property
     def horizons(self) -> dict[str, list[float]]:
