@@ -23,16 +23,15 @@ from modlhmp.futures import Futures
 from modlhmp.ids import NOBODY, id_of
 from modlhmp.kinds import find
 from modlhmp.live_clock import Clock, Row
-from modlhmp.live_map import Learner, learned
+from modlhmp.live_map import Learner, is_jump, learned
 from modlhmp.settings import as_plain, fields_of
 from modlhmp.storage import DataError, column
 from modlhmp.time_step import GONE, HERE, NEW, ending_at
-from modlhmp.tracks import LEAST_JUMP_S, Tracks, gap_limit
+from modlhmp.tracks import Tracks, gap_limit
 from modlhmp.updates import UpdatedMap
 
 MOST_PEOPLE = 1000
 MOST_ROWS = 1024  # of a person; 9 s at 100 Hz are fewer
-JUMP_MPS = 15.0  # faster is somebody else, as in a recording (`max_jump_mps`)
 FARTHEST_M = 1e7  # of a position; one beyond is no position in m
 COUNTED = (
     "taken", "bad", "late", "ahead", "repeated", "out_of_order", "thinned", "turned_away", "cut_at_gap", "cut_at_jump",
@@ -63,12 +62,8 @@ class _Person:
 
     def jumps(self, at: int, t: float, x: float, y: float) -> bool:
         """Whether nobody gets from the row before place `at`, or to the row there, in that time."""
-        for other in (at - 1, at):
-            if 0 <= other < len(self.rows[0]):
-                t1, x1, y1 = (part[other] for part in self.rows)
-                if math.hypot(x - x1, y - y1) > JUMP_MPS * max(abs(t - t1), LEAST_JUMP_S):
-                    return True
-        return False
+        beside = zip(*(part[max(at - 1, 0) : at + 1] for part in self.rows), strict=True)
+        return any(is_jump(t1, x1, y1, t, x, y) for t1, x1, y1 in beside)
 
 
 class Live:

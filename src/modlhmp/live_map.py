@@ -8,18 +8,20 @@ from typing import NamedTuple
 import numpy as np
 
 from modlhmp.api import Map
+from modlhmp.arguments import FASTEST_M_S
 from modlhmp.ids import id_of
 from modlhmp.maps.updated.slots import Update
 from modlhmp.storage import DataError
 from modlhmp.time_step import newest_moment
-from modlhmp.tracks import Tracks, gap_limit
+from modlhmp.tracks import LEAST_JUMP_S, Tracks, gap_limit
 from modlhmp.updates import UpdatedMap
 
 EVERY_S = 3600.0
+JUMP_MPS = 15.0  # faster is somebody else, as in a recording (`max_jump_mps`)
 
 
 class _Last(NamedTuple):
-    """Somebody's last row, and the number and position of their last step on the grid; -1: none yet."""
+    """Somebody's last row, the number and position of their last step on the grid (-1: none yet), and which piece."""
 
     t: float
     x: float
@@ -27,6 +29,7 @@ class _Last(NamedTuple):
     step: int
     x0: float
     y0: float
+    piece: int
 
 
 class Learner:
@@ -34,6 +37,8 @@ class Learner:
 
     Rows come at any rate; the map is told of the positions at whole time steps since 1970, linear between rows that are
     no gap apart, with velocities of the last step. Rows that come out of order are left to the forecasts, however late.
+    Who jumps goes on as another person, as a recording is cut (`ids.id_of`); so does who is faster on the grid than a
+    map takes, or all people's hour would be refused.
     `recording` names the stream: ids that two streams share are two persons.
     """
 
@@ -53,9 +58,10 @@ class Learner:
         if before is not None and t <= before.t:
             return
         self._since = min(self._since, t)
-        if before is None or t - before.t > self._gap_s:
+        piece = 1 if before is None else before.piece + is_jump(before.t, before.x, before.y, t, x, y)
+        if before is None or piece > before.piece or t - before.t > self._gap_s:
             first = newest_moment(t, step_s, reached=False) + 1
-            before = _Last(t - step_s, x, y, -1, x, y)  # who comes stands there; only a step just now is one
+            before = _Last(t - step_s, x, y, -1, x, y, piece)  # who comes stands there; only a step just now is one
         else:
             first = newest_moment(before.t, step_s) + 1
         number, x0, y0 = before.step, before.x0, before.y0
@@ -66,10 +72,12 @@ class Learner:
             if number == step - 1 and number >= 0:
                 moved = at[0] - x0, at[1] - y0
                 speed, heading = math.hypot(*moved) / step_s, math.atan2(moved[1], moved[0])
-            self._ids.append(id_of(text))
+                if speed > FASTEST_M_S:  # by several rows, or one, within `LEAST_JUMP_S`
+                    piece, speed, heading = piece + 1, math.nan, math.nan
+            self._ids.append(id_of(text, piece))
             self._rows.extend((step * step_s, *at, speed, heading))
             number, (x0, y0) = step, at
-        self._last[text] = _Last(t, x, y, number, x0, y0)
+        self._last[text] = _Last(t, x, y, number, x0, y0, piece)
 
     def due(self, now: float) -> bool:
         """Whether the map is to be told: its time has come."""
@@ -95,6 +103,11 @@ class Learner:
     def forget(self, before: float) -> None:
         """Forget who was last seen before that time [unix s], and would begin anew."""
         self._last = {text: last for text, last in self._last.items() if last.t >= before}
+
+
+def is_jump(t0: float, x0: float, y0: float, t: float, x: float, y: float) -> bool:
+    """Whether nobody gets from one row to another, t [s], x and y [m], whichever is first (`time_step.jumped`)."""
+    return math.hypot(x - x0, y - y0) > JUMP_MPS * max(abs(t - t0), LEAST_JUMP_S)
 
 
 def learned(kept: UpdatedMap) -> Map:

@@ -560,6 +560,40 @@ def test_rows_at_whole_steps_are_learned_as_they_are(step_s):
     assert len(kept._state.rows.t) == 600
 
 
+@pytest.mark.parametrize("kind", ["cliff", "episodes"])
+@pytest.mark.parametrize(("step_s", "jump_m"), [(1.0, 20.0), (1.0, 115.0), (0.04, 5.0), (0.04, 300.0)])
+def test_an_id_that_jumps_is_learned_as_two_people(kind, step_s, jump_m, caplog):
+    """As cleaning cuts a recording: nobody walked between, whatever the rate, and nobody else loses the hour."""
+    site = dataclasses.replace(SITE, time_step_s=step_s)
+    kept, t0 = UpdatedMap(kind, site), 1.35e9
+    learner = Learner(kept)
+    for n in range(40):
+        for who in range(5):
+            learner.see(t0 + n * step_s, who, n * step_s, float(who))
+        learner.see(t0 + n * step_s, "x", n * step_s + jump_m * (n >= 20), 9.0)
+    learner.learn(t0 + 40 * step_s)
+    assert "not learned" not in caplog.text
+    if kind == "cliff":  # without a velocity at first, and after the jump
+        assert sum(len(slot.keys) for slot in kept._state.slots.values()) == 5 * 39 + 38
+    else:
+        walks = kept.written().whole
+        assert len(set(column(walks, "person"))) == 7
+        x, y = (column(walks, axis) for axis in ("x", "y"))
+        assert ((x[y == 9] < 20 * step_s - 1e-6) | (x[y == 9] > jump_m)).all() and len(x) == 240
+
+
+def test_a_person_who_jumps_in_a_stream_costs_nobody_an_hour(caplog):
+    """What `Live` cuts is cut in the map, and there and back again are three walks."""
+    kept, t0 = made("episodes", on_day(-1)), MONDAY.t.max()
+    live, before = modlhmp.Live(kept, 3.0), len(set(column(kept.written().whole, "person")))
+    for t in range(20):
+        live.see(t0 + t, "ann", float(t), 0.0)
+        live.see(t0 + t, "x", t + 120.0 * (8 <= t < 12), 3.0)
+    assert live.counts["cut_at_jump"] == 2
+    assert len(set(column(live.updated().written().whole, "person"))) == before + 4
+    assert "not learned" not in caplog.text
+
+
 def frames(tracks, hours=3):
     """[(t, rows)] of people who come again every hour as others."""
     seen = {}
