@@ -85,11 +85,15 @@ class Moments:
     def __init__(self, every_s: float) -> None:
         self.every_s, self.last = every_s, math.nan
 
+    def begin(self, t: float) -> None:
+        """It is `t`: rows begin, or the clock has been set back. Of moments before nothing is known."""
+        self.last = newest_moment(t, self.every_s, reached=False)
+
     def passed(self, t: float, reached: bool = False) -> float | None:
         """The newest moment before `t`, or, `reached`, at `t`, if it is a new one."""
         count = newest_moment(t, self.every_s, reached)
         if math.isnan(self.last) and not reached:
-            self.last = count  # nothing was seen before the first row
+            self.begin(t)
         if count <= self.last:
             return None
         self.last = count
@@ -125,13 +129,13 @@ def forecasts(
             moment = None if live.clock.waits((t, who, x, y)) else moments.passed(t, reached=who is None)
             if moment is not None and chosen in (None, place):
                 yield moment, live.forecast(moment)
-            turns = live.counts["clock_set_back"]
+            turns = live.clock.set_back
             if who is None:
                 live.pass_time(t)
             else:
                 live.see(t, who, x, y)
-            if live.counts["clock_set_back"] > turns:
-                moments = Moments(every_s)
+            if live.clock.set_back > turns:
+                moments.begin(live.now)
     moment = moments.passed(live.now, reached=True) if math.isfinite(live.now) else None
     if moment is not None:
         yield moment, live.forecast(moment)
@@ -143,7 +147,10 @@ def _last_due(rows: Sequence[Row], moments: Moments, clock: Clock) -> int:
     for place, row in enumerate(rows):
         if not clock.waits(row) and moments.passed(row[0], reached=row[1] is None) is not None:
             last = place
+        turns = clock.set_back
         clock.tell(row)
+        if clock.set_back > turns:
+            moments.begin(clock.now)
     return last
 
 

@@ -162,6 +162,21 @@ def test_a_clock_that_is_set_back():
     assert moments_of(told, live=live)[-1] == (19, 1), "a wrong time does not stop it for long"
 
 
+@pytest.mark.parametrize("told", [[], [9.6], [10.0]], ids=["the rows end", "between", "at a moment"])
+def test_moments_before_a_clock_was_set_back_are_not_asked_for(told):
+    """However far apart moments are, and whatever comes next; one that comes later is forecast."""
+    back = [*rows(range(3000, 3012)), *rows(np.arange(8.6, 9.55, 0.1))]
+    back += [json.dumps({"t": T0 + t}).encode() for t in told]
+    got = moments_of(back, 10.0)
+    assert [t for t, _ in got] == [3000, 3010, *([10] if told == [10.0] else [])]
+    assert moments_of([*back, *rows(range(11, 22))], 10.0)[2:] == [(10, 0), (20, 1)]
+
+
+def test_with_latest_a_batch_that_sets_the_clock_back_has_its_newest_moment():
+    lines = [*rows(range(3000, 3012)), *rows(np.arange(0, 10, 0.5))]
+    assert [t0 - T0 for t0, _ in forecasts(cvm(), [lines], 1.0, latest=True)] == [9]
+
+
 @pytest.mark.parametrize("latest", [False, True])
 def test_one_person_whose_clock_is_ahead_stops_no_moment(latest):
     """Whether rows come one by one, or several at once."""
