@@ -372,6 +372,21 @@ def test_nobody_is_at_two_places(kind):
         told.add(one._replace(x=np.array([0.0, 1.0, 1.5])), "third")
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_update_tells_of_the_rows_that_are_new(kind):
+    """Not of those that came again with them, or only some hours of a batch would be counted as changed."""
+    walk = MONDAY.take(MONDAY.track_id == MONDAY.track_id[0])
+    hours = [walk._replace(t=walk.t + 3600.0 * hour, track_id=walk.track_id + 1000 * hour) for hour in range(3)]
+    after = walk._replace(t=walk.t + 600.0, track_id=walk.track_id + 9000)
+    kept, plain = (made(kind, concatenate([hours[0], hours[2]])) for _ in range(2))
+    alone = plain.add(after, "hall")
+    told = kept.add(concatenate([hours[0], hours[2], after]), "hall")
+    assert told.repeated > 0
+    assert (told.taken, told.late, told.changed) == (alone.taken, alone.late, alone.changed)
+    assert alone.late == alone.taken > 0
+    assert kept.add(concatenate([hours[0], hours[1]]), "hall").changed == plain.add(hours[1], "hall").changed
+
+
 @pytest.mark.parametrize(("later_s", "farther_m", "same"), [
     (0.0, 1e-7, True), (2e-4, 0.0, True), (2e-4, 3e-4, True), (0.0, 2e-3, False), (2e-4, 0.5, False),
 ])  # fmt: skip

@@ -67,16 +67,16 @@ class Kept:
                     f"add: row 0: ({new.x[0]:g}, {new.y[0]:g}) m: no row is within {EDGE_M:g} m of the map: another "
                     "frame? Move the tracks; of a new place, build a map of its own and merge it"
                 )
-        names, rows, shared = _union(self.names, self.rows, [recording], new, "add")
-        taken, hours = len(tracks.t) - shared, self._hours(tracks.t)
+        names, rows, known = _union(self.names, self.rows, [recording], new, "add")
+        hours = self._hours(tracks.t[~known])
         late = int((hours < self._newest()).sum()) if len(self.rows.t) else 0
         self.names, self.rows = names, rows
-        return Update(taken, shared, 0, min(late, taken), len(np.unique(hours)) if taken else 0)
+        return Update(len(hours), int(known.sum()), 0, late, len(np.unique(hours)))
 
     def merge(self, other: "Kept") -> int:
         """Keep the rows of another map, too; returns the rows that both had, which are kept once."""
-        self.names, self.rows, shared = _union(self.names, self.rows, other.names, other.rows, "merge")
-        return shared
+        self.names, self.rows, known = _union(self.names, self.rows, other.names, other.rows, "merge")
+        return int(known.sum())
 
     def remove(self, day: str) -> int:
         """Take out a day of the place (ISO date); returns the number of its rows. `DataError` where it has none."""
@@ -145,9 +145,9 @@ class Kept:
             rows = Rows(np.array([number[name] for name in said], np.int64), parts[0].astype(np.int64), *parts[1:])
             if not all(np.isfinite(part).all() for part in rows):
                 raise ValueError("a value is not a number")
-            _, self.rows, repeated = _union(self.names, NOBODY, self.names, rows, str(path))
-            if repeated:
-                raise ValueError(f"{repeated} rows stand twice")
+            _, self.rows, known = _union(self.names, NOBODY, self.names, rows, str(path))
+            if known.any():
+                raise ValueError(f"{known.sum()} rows stand twice")
         except (KeyError, ValueError, TypeError, pa.ArrowException) as error:
             raise DataError(f"{path}: not the rows of a map of kind {self.kind} ({error}); make it again") from None
 
@@ -185,19 +185,23 @@ class Kept:
         return uniform_of(keys)
 
 
-def _union(names: list[str], ours: Rows, other: list[str], theirs: Rows, what: str) -> tuple[list[str], Rows, int]:
-    """Sorted names and rows of two maps, and how many rows both have."""
+def _union(
+    names: list[str], ours: Rows, other: list[str], theirs: Rows, what: str
+) -> tuple[list[str], Rows, np.ndarray]:
+    """Sorted names and rows of two maps, and which [n] of `theirs` stand in `ours`, too, or twice."""
     used = sorted({*names, *(other if len(theirs.t) else [])})
     numbers = [
         np.array([used.index(one) for one in some], np.int64) for some in (names, other if len(theirs.t) else [])
     ]
     both = [part._replace(recording=number[part.recording]) for part, number in
             zip((ours, theirs), numbers, strict=True) if len(part.t)]  # fmt: skip
+    known = np.zeros(len(theirs.t), bool)
     if not both:
-        return used, NOBODY, 0
+        return used, NOBODY, known
     rows = Rows(*(np.concatenate(parts) for parts in zip(*both, strict=True)))
     # So that either order is the same.
-    rows = rows.take(np.lexsort((rows.y, rows.x, rows.t, rows.track_id, rows.recording)))
+    order = np.lexsort((rows.y, rows.x, rows.t, rows.track_id, rows.recording))
+    rows = rows.take(order)
     same, apart = repeats(*rows[1:])
     same[1:] &= np.diff(rows.recording) == 0
     if len(bad := np.flatnonzero(same & apart)):
@@ -207,4 +211,6 @@ def _union(names: list[str], ours: Rows, other: list[str], theirs: Rows, what: s
             f"({rows.x[at - 1]:g}, {rows.y[at - 1]:g}) m and at ({rows.x[at]:g}, {rows.y[at]:g}) m: are these two "
             "recordings? Name them (recording=...)"
         )
-    return used, rows.take(~same), int(same.sum())
+    pairs = np.column_stack([order, np.roll(order, 1)])[same]  # of which one, or both, are of `theirs`
+    known[pairs.max(axis=1) - len(ours.t)] = True
+    return used, rows.take(~same), known
