@@ -23,7 +23,7 @@ from modlhmp.futures import Futures
 from modlhmp.ids import NOBODY, id_of
 from modlhmp.kinds import find
 from modlhmp.live_clock import Clock, Row
-from modlhmp.live_map import Learner, is_jump, learned
+from modlhmp.live_map import RECORDING, Learner, is_jump, learned
 from modlhmp.settings import as_plain, fields_of
 from modlhmp.storage import DataError, column
 from modlhmp.time_step import GONE, HERE, NEW, ending_at
@@ -89,16 +89,24 @@ class Live:
     (x low, x high, y low, y high) [m], for grids that stay the same, None where there is no map.
 
     `by` may be an `UpdatedMap`: then it is told of who is seen, at every full hour (`live_map`), before the forecast:
-    of all up to the first moment of the new hour, once time goes on or a forecast is asked.
+    of all up to the first moment of the new hour, once time goes on or a forecast is asked. `recording` names the
+    stream there: ids that two streams share are two people, in maps that are merged.
     """
 
     def __init__(
         self, /, by: Map | UpdatedMap | str, horizon_s: float | None = None, seed: int = 0, *,
-        most_people: int = MOST_PEOPLE, **asked: Any,
+        most_people: int = MOST_PEOPLE, recording: str = RECORDING, **asked: Any,
     ) -> None:  # fmt: skip
         if not isinstance(most_people, int | np.integer) or isinstance(most_people, bool) or most_people < 1:
             raise DataError(f"most_people {most_people!r}: give a whole number of at least 1")
-        self._learner = Learner(by) if isinstance(by, UpdatedMap) else None
+        if not isinstance(recording, str):
+            raise DataError(f"Live: recording {recording!r}: give a name")
+        if recording != RECORDING and not isinstance(by, UpdatedMap):
+            raise DataError(
+                f"Live: recording {recording!r}: its map does not learn: give an UpdatedMap (a state of `modlhmp map "
+                "update`), or no name"
+            )
+        self._learner = Learner(by, recording) if isinstance(by, UpdatedMap) else None
         self._used = self._wanted = 0  # version of the learned map, of the forecasts and of the last full hour
         by = learned(by) if isinstance(by, UpdatedMap) else by
         asked = {"horizon_s": horizon_s, "seed": seed, **_defaults(by, asked.get("site")), **asked}

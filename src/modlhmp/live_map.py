@@ -16,6 +16,7 @@ from modlhmp.time_step import newest_moment
 from modlhmp.tracks import LEAST_JUMP_S, Tracks, gap_limit
 from modlhmp.updates import UpdatedMap
 
+RECORDING = "live"  # what a stream is called, unless it has a name
 EVERY_S = 3600.0
 JUMP_MPS = 15.0  # faster is somebody else, as in a recording (`max_jump_mps`)
 
@@ -42,7 +43,7 @@ class Learner:
     `recording` names the stream: ids that two streams share are two persons.
     """
 
-    def __init__(self, kept: UpdatedMap, recording: str = "live", every_s: float = EVERY_S) -> None:
+    def __init__(self, kept: UpdatedMap, recording: str = RECORDING, every_s: float = EVERY_S) -> None:
         self.kept, self.recording, self.every_s = kept, recording, every_s
         self._step_s = kept.site.time_step_s
         self._gap_s = gap_limit(self._step_s)

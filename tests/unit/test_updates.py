@@ -711,10 +711,51 @@ def test_what_live_has_learned_is_kept(tmp_path):
     rows = [{"t": float(t), "id": int(who), "x": float(x), "y": float(y)} for t, who, x, y in streamed(MONDAY)]
     (tmp_path / "rows.jsonl").write_text("\n".join(map(json.dumps, rows[:300])), encoding="utf-8")
     command = ["live", str(tmp_path / "rows.jsonl"), "--horizon", "2", "--keep", str(tmp_path / "after.parquet")]
-    done = CliRunner().invoke(app, [*command, "--map", str(tmp_path / "state.parquet")])
+    done = CliRunner().invoke(app, [*command, "--map", str(tmp_path / "state.parquet"), "--recording", "robot-2"])
     assert done.exit_code == 0, done.output
     held = UpdatedMap.load(tmp_path / "after.parquet")._state
-    assert held.names == ["hall", "live"] and (held.rows.recording == 1).sum() == 300
+    assert held.names == ["hall", "robot-2"] and (held.rows.recording == 1).sum() == 300
     modlhmp.build_map("episodes", MONDAY, SITE).save(tmp_path / "finished.parquet")
     done = CliRunner().invoke(app, [*command, "--map", str(tmp_path / "finished.parquet")])
     assert "is a finished map: give the state that" in str(done.exception)
+    done = CliRunner().invoke(app, [*command[:-2], "--map", "cvm", "--recording", "robot-2"])
+    assert "recording 'robot-2': its map does not learn" in str(done.exception)
+
+
+def test_what_live_has_learned_is_kept_though_it_ends_with_an_error(tmp_path, monkeypatch):
+    made("episodes", on_day(-1)).save(tmp_path / "state.parquet")
+    rows = [{"t": MONDAY.t.max() + t, "id": 1, "x": float(t), "y": 0.0} for t in range(9)]
+    (tmp_path / "rows.jsonl").write_text("\n".join(map(json.dumps, rows)), encoding="utf-8")
+
+    def full(sink, text):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("modlhmp.live_lines.write_all", full)
+    command = ["live", str(tmp_path / "rows.jsonl"), "--every", "5", "--horizon", "2"]
+    state, after = tmp_path / "state.parquet", tmp_path / "after.parquet"
+    done = CliRunner().invoke(app, [*command, "--map", str(state), "--keep", str(after)])
+    assert "No space left" in str(done.exception)
+    assert "live" in UpdatedMap.load(after)._state.names
+
+
+@pytest.mark.parametrize("kind", ["cliff", "episodes"])
+@pytest.mark.parametrize("later_s", [0.0, 11.0])
+def test_streams_of_two_robots_have_names(kind, later_s):
+    """Ids that both give are two people, at the same time and one soon after the other."""
+    kept = []
+    for name, start, x in (("robot-1", 0.0, 0.0), ("robot-2", later_s, 15.0)):
+        live = modlhmp.Live(made(kind, on_day(-1)), 3.0, recording=name)
+        for t in range(8):
+            live.see(MONDAY.t.max() + start + t, 1, x + 0.5 * t, 0.0)
+        kept.append(live.updated())
+    assert kept[0].merge(kept[1]) == len(on_day(-1).t) - (kind == "cliff") * len(set(on_day(-1).track_id))
+    if kind == "episodes":
+        people = len(set(column(made(kind, on_day(-1)).written().whole, "person")))
+        assert len(set(column(kept[0].written().whole, "person"))) == people + 2
+
+
+def test_a_stream_is_named_by_a_text_and_where_it_is_learned_alone():
+    with pytest.raises(DataError, match=r"Live: recording 3: give a name"):
+        modlhmp.Live(made("episodes", MONDAY), 3.0, recording=3)
+    with pytest.raises(DataError, match=r"Live: recording 'b': its map does not learn: give an UpdatedMap"):
+        modlhmp.Live("cvm", 3.0, recording="b")

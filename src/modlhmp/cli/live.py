@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from modlhmp.live import Live
 
 NO_ROW, INTERRUPTED = 3, 130  # of the status
-HERE = {"by": "--map", "horizon_s": "--horizon", "key": "", "site": ""}
+HERE = {"by": "--map", "horizon_s": "--horizon", "recording": "--recording NAME", "key": "", "site": ""}
 LEAST_EVERY_S, MOST_EVERY_S = 0.01, 3600.0
 HELP = """Forecast people as they are seen: JSON lines in, JSON lines out.
 
@@ -73,6 +73,9 @@ def live(
         Path | None,
         typer.Option(metavar="FILE", help="MAP is a state of `map update`: write here what it holds when rows end."),
     ] = None,
+    recording: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the stream, for a map that learns [default: live]")
+    ] = None,
     latest: Annotated[
         bool, typer.Option("--latest", help="Leave forecasts out where the reader does not keep up.")
     ] = False,
@@ -83,7 +86,7 @@ def live(
 
     if keep is not None:
         check_file("--keep", keep, ".parquet")
-    forecaster = _forecaster(map_file, horizon, exits, options)
+    forecaster = _forecaster(map_file, horizon, exits, recording, options)
     if keep is not None and not forecaster.learns:
         raise DataError(f"--keep {keep}: {map_file} is a finished map: give the state that modlhmp map update keeps")
     at_s, every_s = _moments(forecaster, occupancy), _every(forecaster, every)
@@ -105,8 +108,9 @@ def live(
         ) from None
     except KeyboardInterrupt:
         status = INTERRUPTED
-    if keep is not None:
-        forecaster.updated().save(keep)
+    finally:  # what was seen is seen once, however it ends
+        if keep is not None:
+            forecaster.updated().save(keep)
     if status := status or _counted({**forecaster.counts, **({"skipped": newest.skipped} if newest else {})}):
         raise typer.Exit(status)
 
@@ -126,7 +130,9 @@ def _counted(counts: Mapping[str, int]) -> int:
     return NO_ROW if counts["bad"] and not counts["taken"] else 0
 
 
-def _forecaster(map_file: str, horizon_s: float | None, exits: Path | None, options: list[str] | None) -> "Live":
+def _forecaster(
+    map_file: str, horizon_s: float | None, exits: Path | None, recording: str | None, options: list[str] | None
+) -> "Live":
     """The `Live` of what was said."""
     from modlhmp.cli.inputs import map_or_kind, named_values, with_exits  # noqa: PLC0415 - as other verbs do
     from modlhmp.live import Live  # noqa: PLC0415
@@ -134,7 +140,8 @@ def _forecaster(map_file: str, horizon_s: float | None, exits: Path | None, opti
 
     given = with_exits(named_values(options, HERE), exits)
     source = UpdatedMap.load(map_file) if is_state(map_file) else map_or_kind(map_file)
-    return Live(source, horizon_s, **given)
+    named = {} if recording is None else {"recording": recording}
+    return Live(source, horizon_s, **named, **given)
 
 
 def _moments(forecaster: "Live", listed: str) -> list[float]:
