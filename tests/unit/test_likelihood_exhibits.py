@@ -108,19 +108,31 @@ def test_the_table_of_next_velocities_by_hand(layout, tmp_path):
     assert "**1.000**" in (tmp_path / "t.md").read_text(encoding="utf-8")
 
 
-def test_forecasts_from_outside_are_read_by_their_own_seed(layout):
-    """Theirs is 0, whatever the run's are: they would count as no forecast at all."""
+def next_velocities(layout, theirs):
+    """The job that measures two methods, `ours` and `theirs`, once `theirs` says how its forecasts are written."""
     tracks, file = crowd(), layout.tracks("hall", "day")
     write_tracks(tracks, file)
-    for name, seed in (("ours", 5), ("theirs", 0)):
-        write_forecasts(layout.forecast("hall", name, "day"), [(seed, *forecasts(tracks, "snippets"))])
+    for name, seed, facts in (("ours", 5, {}), ("theirs", 0, theirs)):
+        write_forecasts(layout.forecast("hall", name, "day"), [(seed, *forecasts(tracks, "snippets"))], **facts)
     params = {"run": layout.run, "made": {}, "methods": ["ours", "theirs"], "samples": 40, "recordings": ["day"],
               "dataset": as_plain(Site(horizon_s=12.0)), "days": {"day": "2030-03-17"}, "seed": 5}  # fmt: skip
-    tables = {name: layout.likelihood("hall", name) for name in ("given", "given_pairs")}
-    done = run_job(
-        "measure_given", input={"tracks": [file], "exits": []}, output=tables, params=params,
-        wildcards={"dataset": "hall"}, log={"it": layout.log("measure_given", "hall")},
+    return run_job(
+        "measure_given", input={"tracks": [file], "exits": []}, params=params, wildcards={"dataset": "hall"},
+        output={name: layout.likelihood("hall", name) for name in ("given", "given_pairs")},
+        log={"it": layout.log("measure_given", "hall")},
     )  # fmt: skip
+
+
+def test_forecasts_from_outside_are_read_by_their_own_seed(layout):
+    """Theirs is 0, whatever the run's are: they would count as no forecast at all."""
+    done = next_velocities(layout, {"alike": True})
     assert done.returncode == 0, done.stderr
-    given = pd.read_parquet(tables["given"]).set_index("method")
+    given = pd.read_parquet(layout.likelihood("hall", "given")).set_index("method")
     assert given.loc["ours", "covered"] == given.loc["theirs", "covered"] == 1
+
+
+def test_samples_with_probabilities_are_refused(layout):
+    """A density of them would count each as often as the others."""
+    done = next_velocities(layout, {"alike": False})
+    assert done.returncode != 0
+    assert "theirs: its samples differ" in done.stderr and "leave it out of `likelihood.given`" in done.stderr

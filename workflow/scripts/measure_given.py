@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow as pa
 
-from modlhmp.forecasting.files import first_seed, read_forecasts
+from modlhmp.forecasting.files import check_alike, first_seed, read_forecasts
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.kinds import find
 from modlhmp.logs import job_log, progress
@@ -41,6 +41,7 @@ with job_log(snakemake.log[0]) as log:
                 number = max(method.futures, params.samples)
                 forecasts = forecast_recording(tracks, asked, site, key, number, [seed], scenes=scenes)
             else:
+                check_alike(layout.forecast(*key), name, "likelihood.given")
                 forecasts = first_seed(read_forecasts(layout.forecast(*key)))
             scored[name].append(score_next(tracks, forecasts, recording, site, scenes))
     first = scored[params.methods[0]]

@@ -94,6 +94,20 @@ def read_forecasts(path: str | Path) -> Iterator[tuple[int, np.ndarray, Forecast
         yield table["seed"][0].as_py(), column(table, "track_id"), forecast
 
 
+def are_alike(path: str | Path) -> bool:
+    """Whether a forecasts file has as many samples of each track, all equally likely; from outside they may not be."""
+    return bool(read_metadata(path).get("alike", True))
+
+
+def check_alike(path: str | Path, method: str, key: str) -> None:
+    """Refuse the forecasts of a method whose samples are not alike for what takes them so, at a setting `key`."""
+    if not are_alike(path):
+        raise DataError(
+            f"{method}: its samples differ in number or probability, and scores of distributions take samples that are "
+            f"alike: hand in as many of each track, drawn by their probabilities, or leave it out of `{key}` ({path})"
+        )
+
+
 def first_seed(
     forecasts: Iterable[tuple[int, np.ndarray, Forecast]],
 ) -> Iterator[tuple[int, np.ndarray, Forecast]]:
