@@ -2,7 +2,7 @@
 
 import pyarrow as pa
 
-from modlhmp.forecasting.files import read_forecasts
+from modlhmp.forecasting.files import check_alike, read_forecasts
 from modlhmp.forecasting.recording import forecast_recording
 from modlhmp.logs import job_log, progress
 from modlhmp.methods import Method, make_forecaster
@@ -11,7 +11,7 @@ from modlhmp.scenes import read_scenes
 from modlhmp.scoring.uncertainty import score_samples
 from modlhmp.settings import build
 from modlhmp.site import Site
-from modlhmp.storage import DataError, read_metadata, write_parquet
+from modlhmp.storage import DataError, write_parquet
 from modlhmp.study.layout import Layout
 from modlhmp.tracks import gap_limit, person_ids, read_tracks, with_persons
 
@@ -25,12 +25,7 @@ with job_log(snakemake.log[0]) as log:
     for name, file in zip(params.recordings, progress(files.tracks, desc="recordings"), strict=True):
         tracks, scenes, key = read_tracks(file), read_scenes(file), (names.dataset, names.method, name)
         stored = layout.forecast(*key)
-        if not read_metadata(stored).get("alike", True):
-            raise DataError(
-                f"{names.method}: its samples differ in number or probability, and scores of distributions take "
-                "samples that are alike: hand in as many of each track, drawn by their probabilities, or leave it "
-                "out of `uncertainty.methods`"
-            )
+        check_alike(stored, names.method, "uncertainty.methods")
         drawn, given = read_forecasts(stored), None
         if params.drawn_again:  # more samples than the method's own, and its result, which is among these
             drawn, given = forecast_recording(tracks, forecaster, site, key, k, params.seeds, scenes=scenes), drawn
