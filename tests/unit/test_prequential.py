@@ -97,6 +97,20 @@ def test_the_figure_shows_every_map(layout, figures):
     assert len(figures[-1].axes[0].lines) == len(prequential.MAPS) + 1
 
 
+def test_each_panel_has_the_hours_that_it_shows(layout, figures):
+    """In the second hour all walk the other way, so that the planted reversal lacks it and counts one hour less."""
+    second = clock_numbers(PEOPLE.t, SITE.timezone) == np.unique(clock_numbers(PEOPLE.t, SITE.timezone))[1]
+    one_way = PEOPLE._replace(heading=np.where(second, np.pi, 0.0))
+    write_tracks(one_way, layout.tracks("hall", "day"))
+    prequential_hours.draw(layout, [DAY], layout.exhibit("f"), {DAY.name: ["day"]})
+    table = pd.read_csv(f"{layout.exhibit('f')}.csv")
+    for ax, part in zip(figures[-1].axes, prequential_hours.PARTS, strict=True):
+        hour = table[table["part"] == part].drop_duplicates("number").set_index("number")["hour"].astype(int)
+        ticks = dict(zip(ax.get_xticks(), (text.get_text() for text in ax.get_xticklabels()), strict=True))
+        assert ticks == hour.astype(str).to_dict()
+    assert len(hour) < table[table["part"] == prequential_hours.PARTS[0]]["number"].nunique()
+
+
 def test_intervals_are_over_persons_also_where_tracks_were_cut(layout, figures):
     """Of tracks cut in two whose pieces are one person (`same_person`), as of the whole ones."""
     day = people(hours=2)

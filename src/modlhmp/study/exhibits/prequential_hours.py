@@ -45,8 +45,8 @@ def _row(line: Sequence[Axes], layout: Layout, dataset: Dataset, recordings: Seq
     for panel, one, title in zip(line, shown, PARTS, strict=True):
         for position, (_, curve) in enumerate(one.groupby("map", sort=False)):
             panel.plot(curve["number"], curve["nll"], clip_on=False, **style.method_style(position))
-        every = max(len(table["number"].unique()) // 6, 1)
-        hours = table.drop_duplicates("number")[::every]
+        hours = one.drop_duplicates("number")  # the planted rows may lack an hour, and then count without it
+        hours = hours[:: max(len(hours) // 6, 1)]
         panel.set_xticks(hours["number"], hours["hour"])
         panel.set_title(f"{dataset.title}: {title}" if title == PARTS[0] else title)
         panel.set(xlabel="clock hour", ylabel="negative log density [nat]" if title == PARTS[0] else None)
