@@ -90,6 +90,11 @@ def make_run(layout, datasets=(HALL, YARD), maps=MAPS, number=24):
 def make_page(layout, datasets=(HALL, YARD), tracks=("hall",), maps=MAPS, number=24):
     """The explorer of such a run; returns its path."""
     make_run(layout, datasets, maps, number)
+    return draw_page(layout, datasets, tracks, maps)
+
+
+def draw_page(layout, datasets=(HALL, YARD), tracks=("hall",), maps=MAPS):
+    """The explorer of a run that is made; returns its path."""
     stem = layout.exhibit("explorer")
     recordings = {one.name: RECORDINGS for one in datasets}
     page.draw(layout, list(datasets), stem, METHODS, maps, tracks, recordings, "")

@@ -15,13 +15,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from modlhmp.forecasting.base import Forecast
-from modlhmp.forecasting.files import write_forecasts
+from modlhmp.forecasting.files import STORED, write_forecasts
+from modlhmp.forecasting.medoid import with_medoid
+from modlhmp.forecasting.modes import modes_of, with_modes
+from modlhmp.forecasting.outputs import kept
 from modlhmp.methods import build_map
 from modlhmp.scoring.recording import score_recording
 from modlhmp.storage import column, read_parquet, write_parquet
 from modlhmp.study.explorer.look import ASSETS, SCRIPTS, page
 from modlhmp.study.explorer.pack import Digits, packed, unpacked
-from modlhmp.study.explorer.people import MOST_FUTURES, people
+from modlhmp.study.explorer.people import LEAST_SAMPLES, MOST_FUTURES, people
 from modlhmp.study.explorer.places import LEAST_PEOPLE, Crowd, distinct, flow, likeliest, places, read_crowd
 from modlhmp.study.layout import Layout
 from modlhmp.study.summary import main_output, read_errors
@@ -345,6 +348,55 @@ def test_modes_are_samples_with_probabilities_that_sum_to_one(tree):
     np.testing.assert_allclose(one["chance"].reshape(25, 5).sum(axis=1), 1, atol=0.005)
     assert one["mode"].min() >= 1  # the median is no sample
     assert tree["sets"][0]["people"]["methods"]["cvm"]["modes"] == 0
+
+
+def many_samples(number=40, ways=3):
+    """(ids, Forecast) of the tested people: many samples on a few ways, with lives of all lengths."""
+    rng, (ids, _) = np.random.default_rng(3), forecasts(crowd(seed=1), "cvm")
+    turn = rng.integers(0, ways, (len(ids), number, 1)) + rng.normal(0, 0.02, (len(ids), number, 1))
+    step = np.arange(1, HALL.steps + 1)
+    xy = np.stack([step * np.cos(turn), step * np.sin(turn)], axis=-1).astype(np.float32)
+    lives = rng.integers(1, HALL.steps + 1, xy.shape[:2]).astype(np.int32)
+    return ids, Forecast(xy, np.zeros(xy.shape[:3], np.float32), lives, "mean")
+
+
+def shown_of(folder, ids, forecast, **facts):
+    """What the page has of a method whose stored forecasts are those."""
+    layout = Layout("small", str(folder))
+    write_tracks(crowd(seed=1), layout.tracks("hall", "tuesday"))
+    write_forecasts(layout.forecast("hall", "method", "tuesday"), [(7, ids, forecast)], **facts)
+    return unpacked(packed(people(layout, HALL, ["tuesday"], ["method"])))["methods"]["method"]
+
+
+def test_a_method_s_own_modes_are_shown(tmp_path):
+    """They are of all its samples, of which the file keeps a few."""
+    ids, samples = many_samples()
+    found = shown_of(tmp_path, ids, kept(with_modes(samples), STORED))
+    own = modes_of(samples)
+    n, k = own.probabilities.shape
+    np.testing.assert_allclose(found["chance"].reshape(n, k), own.probabilities, atol=1e-3)
+    xy = found["xy"].reshape(n, found["futures"], 2, HALL.steps).swapaxes(2, 3)
+    paths = np.take_along_axis(xy, found["mode"].reshape(n, k, 1, 1).astype(int), axis=1)
+    np.testing.assert_allclose(paths, own.paths, atol=0.011)
+
+
+@pytest.mark.parametrize("why", ["medoids", "the best of many", "probabilities"])
+def test_futures_that_are_no_fair_samples_have_no_modes_or_chances(tmp_path, why):
+    ids, samples = many_samples(30 if why == "the best of many" else 20 if why == "probabilities" else 40)
+    stored, facts = {
+        "medoids": (kept(with_medoid(samples), STORED), {}),
+        "the best of many": (samples._replace(output="ranked"), {}),
+        "probabilities": (samples, {"alike": False}),
+    }[why]
+    found = shown_of(tmp_path, ids, stored, **facts)
+    assert found["unequal"] and not found["modes"]
+
+
+@pytest.mark.parametrize("output", ["ranked", "likeliest", "medoid", "mean"])
+def test_all_of_few_samples_have_modes_and_chances(tmp_path, output):
+    ids, samples = many_samples(LEAST_SAMPLES)
+    found = shown_of(tmp_path, ids, samples._replace(output=output), alike=True)
+    assert found["modes"] and not found["unequal"]
 
 
 def test_the_owner_may_show_recorded_people(tmp_path):

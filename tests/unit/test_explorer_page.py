@@ -10,8 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explored_run import HALL, LONE_Y, YARD, make_page
+from explored_run import HALL, LONE_Y, YARD, crowd, draw_page, forecasts, make_page, make_run
 
+from modlhmp.forecasting.files import write_forecasts
 from modlhmp.study.explorer.look import page
 from modlhmp.study.explorer.pack import packed, unpacked
 from modlhmp.study.layout import Layout
@@ -301,6 +302,28 @@ def test_a_person_is_found_and_followed(shown):
     assert shown.pixels(OVER) != without_modes
     shown.ask("for (const id of ['modes', 'density']) document.querySelector('#' + id).click()")
     shown.set("#search", "", "input")
+
+
+def test_samples_with_probabilities_have_no_chances(tmp_path):
+    """The page would count each as often as the others; their paths are drawn."""
+    layout = Layout("theirs", str(tmp_path))
+    make_run(layout, (HALL,), ["cliff"])
+    ids, theirs = forecasts(crowd(seed=1), "snippets")
+    write_forecasts(layout.forecast("hall", "snippets", "tuesday"), [(0, ids, theirs)], alike=False)
+    with browser.Page(draw_page(layout, (HALL,), maps=["cliff"])) as one:
+        ready(one)
+        choose(one, 0)
+        one.set("#method", "snippets")
+        one.drawn()
+        told = one.text("#now")
+        assert "no modes, density or chances" in told and "%" not in told
+        plain = one.pixels(OVER)
+        for part in ("modes", "density"):
+            one.click(f"#{part}")
+        assert one.pixels(OVER) == plain
+        one.click("#futures")
+        assert one.pixels(OVER) != plain
+        assert not one.faults
 
 
 def start_of_the_first(one):

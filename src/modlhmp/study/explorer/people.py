@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from modlhmp.datasets import Dataset
-from modlhmp.forecasting.base import RESULTS, Forecast
-from modlhmp.forecasting.files import first_seed, read_forecasts
+from modlhmp.forecasting.base import MODES, RESULTS, Forecast
+from modlhmp.forecasting.files import STORED, are_alike, first_seed, read_forecasts
 from modlhmp.forecasting.modes import modes_of
 from modlhmp.forecasting.outputs import kept
 from modlhmp.forecasting.ranking import longest_lived, most_likely, rank_order
@@ -90,7 +90,7 @@ def _persons(dataset, recording, of_recording, rows):
     }
 
 
-def _futures(files: Iterable[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
+def _futures(files: Sequence[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
     """One method's forecasts of these tracks of these files, in their order; None where one is missing."""
     parts = [_first_forecasts(file, wanted) for file, wanted in files]
     found = [part for part in parts if part is not None]
@@ -98,13 +98,16 @@ def _futures(files: Iterable[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
         return None
     output = found[0].output
     xy, log_fitness, lives = (np.concatenate(part) for part in list(zip(*found, strict=True))[:3])
-    forecast = _shown(Forecast(xy, log_fitness, lives, output))
+    whole = Forecast(xy, log_fitness, lives, output)
+    unequal = _is_choice(whole) or not all(are_alike(file) for file, _ in files)
+    forecast = _shown(whole)
     _, k, steps, _ = forecast.xy.shape
     results = forecast.results
-    mode, chance = _modes(forecast)
+    mode, chance = _modes(forecast, unequal)
     return {
         "output": output,
         "results": RESULTS.get(output, 0),
+        "unequal": unequal,
         "futures": k,
         "steps": steps,
         "xy": Digits(forecast.xy.swapaxes(2, 3), PLACE_M, steps),
@@ -115,6 +118,14 @@ def _futures(files: Iterable[tuple[str, np.ndarray]]) -> dict[str, Any] | None:
         "mode": mode,
         "chance": Digits(chance, 0.001),
     }
+
+
+def _is_choice(forecast):
+    """Whether the futures that are shown were chosen to be results, so that shares of them are no probabilities."""
+    k = forecast.xy.shape[1]
+    if forecast.output == "medoid":  # a file that holds as many as are stored may have had more
+        return k >= STORED
+    return forecast.output not in RESULTS and forecast.output != "mean" and k > MOST_FUTURES
 
 
 def _shown(forecast):
@@ -143,10 +154,15 @@ def _first_forecasts(file, wanted) -> Forecast | None:
     return Forecast(xy, log_fitness, lives, rows[0][0].output)
 
 
-def _modes(forecast):
-    """Which futures stand for the modes, and the probability of each, both [n, modes]; no modes of few samples."""
+def _modes(forecast, unequal):
+    """Which futures stand for the modes, and the probability of each, both [n, modes].
+
+    The forecast's own where these are its result; else none of few samples, or of `unequal` ones.
+    """
     samples, n = forecast.samples, len(forecast.xy)
-    if samples.xy.shape[1] < LEAST_SAMPLES:
+    if forecast.output == "modes":
+        return np.tile(np.arange(MODES), (n, 1)), np.exp(forecast.results.log_fitness[:, :, -1])
+    if unequal or samples.xy.shape[1] < LEAST_SAMPLES:
         return np.empty((n, 0), int), np.empty((n, 0))
     found = modes_of(samples)
     same = (samples.xy[:, None] == found.paths[:, :, None]).all(axis=(3, 4))

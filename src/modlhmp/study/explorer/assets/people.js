@@ -166,7 +166,7 @@ function drawPerson(context, view, set, i, step, shown, detail, parts, methodCol
   const method = people.methods[detail.name];
   context.lineCap = "round";
   context.lineJoin = "round";
-  if (method && parts.density) drawDensity(context, view, method, i, step, start);
+  if (method && parts.density && !method.unequal) drawDensity(context, view, method, i, step, start);
   if (method && parts.futures && method.futures > 1)
     drawFutures(context, view, method, i, step, start, detail, methodColour);
   context.strokeStyle = css("--observed");
@@ -266,8 +266,9 @@ function tellPerson(set, i, step, detail) {
   if (!method) return `After ${seconds} s. ${so} ${detail.title} has no forecast.`;
   const samples = samplesOf(method),
     gone = samples.length - thereOf(method, i, step).length;
-  const ends =
-    samples.length > 1
+  const ends = method.unequal
+    ? ` ${detail.title}: no modes, density or chances, as the futures shown are a choice of its samples, or have probabilities of their own.`
+    : samples.length > 1
       ? ` ${detail.title}: chance of having left ${Math.round((100 * gone) / samples.length)} % (${gone} of ${samples.length} futures have ended, at an exit or where the map does).`
       : ` ${detail.title} has one path and no chances.`;
   const ranks = RANKED.has(method.output) && method.futures <= 10 ? ` Numbers: ranks at ${set.horizon} s.` : "";
