@@ -13,8 +13,9 @@ from modlhmp.storage import DataError
 
 MOST_PEOPLE = 1_000_000  # of a file: their names are held one by one
 LARGEST = 2**62  # whole numbers below stand for themselves, numbers of texts are from here to 2^63
-NOBODY = frozenset({"", "nan", "NaN", "NA", "N/A", "null", "None"})  # how tables write that there is no id
-NOBODYS = "-1"  # the id that trackers write where they follow nobody; others below 0 are somebody's
+NOBODYS = -1  # the id that trackers write where they follow nobody; others below 0 are somebody's
+_MISSING = frozenset({"", "nan", "na", "n/a", "#n/a", "<na>", "null", "none", "-", r"\n"})
+_NOBODYS = re.compile(r"-0*1(?:\.0*)?(?:[eE][+-]?0+)?")
 _PLAIN = re.compile(r"-?[1-9][0-9]{0,18}|0")
 
 
@@ -28,6 +29,16 @@ def id_of(text: str, piece: int = 1) -> int:
     whose = text if piece == 1 else f"{text}\0{piece}"
     digest = hashlib.blake2b(whose.encode("utf-8", "surrogateescape"), digest_size=8).digest()
     return LARGEST + int.from_bytes(digest, "big") % LARGEST
+
+
+def is_missing(text: str) -> bool:
+    """Whether a text without blanks around it is how tables write, in any case, that there is no id, or no number."""
+    return text.casefold() in _MISSING
+
+
+def is_nobodys(text: str) -> bool:
+    """Whether an id is -1 in any digits: pandas has -1.0 where a column has gaps, NumPy's savetxt an exponent."""
+    return _NOBODYS.fullmatch(text) is not None
 
 
 def as_written(text: str, known: Iterable[str]) -> str:

@@ -20,7 +20,7 @@ from modlhmp.arguments import LATEST_S, free_kind, unix_time, uses_recorded
 from modlhmp.forecasting.base import Forecast
 from modlhmp.forecasting.observe import Observed
 from modlhmp.futures import Futures
-from modlhmp.ids import NOBODY, id_of
+from modlhmp.ids import id_of, is_missing, is_nobodys
 from modlhmp.kinds import find
 from modlhmp.live_clock import Clock, Row
 from modlhmp.live_map import RECORDING, Learner, is_jump, learned
@@ -344,7 +344,9 @@ class Live:
 
 def is_row(t: Any, who: Any, x: Any, y: Any) -> bool:
     """Whether t, x and y are numbers that can be a time [unix s] and a position [m], and `who` can be an id."""
-    if not isinstance(who, str | Real) or isinstance(who, bool) or str(who) in {*NOBODY, "inf", "-inf"}:
+    if not isinstance(who, str | Real) or isinstance(who, bool):
+        return False
+    if is_missing(str(who)) or is_nobodys(str(who)) or str(who) in ("inf", "-inf"):
         return False
     if not all(isinstance(one, Real) and not isinstance(one, bool) for one in (t, x, y)):
         return False

@@ -493,7 +493,7 @@ def test_ids_of_several_columns_are_the_same_however_they_are_written_and_never_
     """Quotes and blanks are no part of an id; nobody's rows are nobody's; a slash within a part is no border."""
     rows = ["c1, 7,0", '"c1", 7,1', '"c1","7",2', "a/b,c,0", "a,b/c,0", "a\\,/b,0", "a,\\//b,0"]
     rows += ["c1,-1,0", "c1,None,0"]  # a floor, or a group that is none: -1 is nobody's in the first column alone
-    nobody = [",,0", ',"",1', "c1,,2", "NaN,7,3", "c1,nan,4", "None,7,5", "-1,-1,6", "-1,7,7"]
+    nobody = [",,0", ',"",1', "c1,,2", "NaN,7,3", "c1,NAN,4", "NULL,7,5", "-1.0,-1,6", "-1,7,7"]
     content = "\n".join(["cam,id,t,x,y", *(f"{row},0,0" for row in [*rows, *nobody]), ""])
     tracks, account = stranger(write, content, {**BY_NAME, "track_id": ["cam", "id"]})
     assert (tracks.track_id == id_of("c1/7")).sum() == 3
@@ -513,6 +513,16 @@ def test_nobody_s_rows(write):
     assert tracks.track_id.tolist() == [-5, id_of("a")]
     assert dict(account.dropped_rows) == {"no_track_id": 2, "no_person": 1}
     assert account.first_seen["no_track_id"] == "row 2: track id is empty"
+
+
+@pytest.mark.parametrize("beside", ["a", "7", '"7"'])  # rows with these are read as texts, as numbers, line by line
+def test_nobody_s_rows_are_nobody_s_however_they_are_written(write, beside):
+    words = ["NULL", "none", "NAN", "<NA>", r"\N", "-"]
+    rows = [f"{word},{t},5,5" for t, word in enumerate([*words, "-1.0", "-1.0000e+00"])] + [f"{beside},0,1,1"]
+    tracks, account = stranger(write, "\n".join(["id,t,x,y", *rows, ""]))
+    assert len(tracks.t) == 1
+    assert dict(account.dropped_rows) == {"no_track_id": 6, "no_person": 2}
+    assert set(account.owners.known) <= {id_of("a")}
 
 
 @pytest.mark.parametrize("block", [None, 40])
@@ -551,7 +561,7 @@ def test_numbers_are_read_strictly(text, found):
     np.testing.assert_equal(number(text), found)
 
 
-@pytest.mark.parametrize("text", ["NA", "N/A", "null", "None", "-", "nan"])
+@pytest.mark.parametrize("text", ["NA", "N/A", "null", "None", "-", "nan", "<NA>", r"\N"])
 def test_positions_that_were_not_seen_may_be_written_as_words(tmp_path, text):
     """Two of three rows, as R and pandas write a table in which everyone has a row at every time."""
     read = []

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from modlhmp.ids import LARGEST, Owners, id_of
+from modlhmp.ids import LARGEST, Owners, id_of, is_missing, is_nobodys
+from modlhmp.readers.numerals import number
 from modlhmp.storage import DataError
 
 TEXTS = [
@@ -45,3 +46,16 @@ def test_two_texts_of_one_number_are_refused(monkeypatch):
     owners.number("a")
     with pytest.raises(DataError, match="'a' and 'b' have the same number"):
         owners.number("b")
+
+
+def test_a_word_for_no_id_is_one_for_no_number():
+    """Whoever wrote it: pandas, R, a database, a spreadsheet; and only where it is all of the text."""
+    words = ["", "nan", "NaN", "NAN", "NA", "n/a", "#N/A", "<NA>", "NULL", "null", "None", "none", "-", r"\N"]
+    assert all(is_missing(word) and number(word) != number(word) for word in words)
+    assert not any(is_missing(text) for text in ("0", "-1", "--", "anna", "NA7", "N"))
+
+
+def test_nobody_s_id_is_minus_one_however_it_is_written():
+    """Pandas has 1.0 where a column has gaps, NumPy's savetxt writes exponents, others pad with zeros."""
+    assert all(map(is_nobodys, ["-1", "-1.0", "-1.", "-1.000000000000000000e+00", "-01"]))
+    assert not any(map(is_nobodys, ["1", "-10", "-1.5", "-1e1", "-0", "-2", "-1a", ""]))

@@ -59,6 +59,14 @@ def test_other_lines_of_json_are_counted(write):
     assert account.scenes is None
 
 
+def test_nobody_s_lines_of_json_are_dropped_as_in_a_table(write):
+    nobody = trajnet([scene(p=-1, fps=2.5)], people=(-1, "-1.0"), rows=3) + trajnet(people=("NULL",), rows=2)
+    path = write(nobody + trajnet([scene(fps=2.5)]))
+    tracks, account = read_recording(path, FileFormat(reader="trajnet"))
+    assert len(tracks.t) == 24
+    assert dict(account.dropped_rows) == {"bad_scene": 1, "no_person": 6, "no_track_id": 2}
+
+
 def test_a_person_is_the_same_with_and_without_a_point(write):
     path = write(
         trajnet([scene(p=1, fps=2.5)], people=(1.0, 2)) + trajnet([scene(p=2.0, fps=2.5)], people=(1,), rows=1)
@@ -387,12 +395,16 @@ def test_ids_that_are_not_whole_are_refused(simulated, archived):
             read_recording(path, FileFormat(reader="jupedsim" if path.suffix == ".sqlite" else "hdf5"))
 
 
-def test_rows_without_an_id_are_counted(simulated, archived):
-    none = (None, 5, 0.0, 0.0)
-    paths = {"jupedsim": simulated(rows=[*LARGE, none]), "hdf5": archived([*ROWS, (np.nan, *none[1:])], "f8")}
+def test_rows_without_an_id_and_nobody_s_are_counted_as_in_a_table(simulated, archived):
+    here, lost = (5, 0.0, 0.0), (5, np.nan, 0.0)
+    none, nobody, nowhere = [(None, *here), (None, *lost)], [(-1, *here)] * 3, [(1, *lost), (-1, *lost)]
+    archive = [*ROWS, *((np.nan, *row[1:]) for row in none), *nobody, *nowhere]
+    paths = {"jupedsim": simulated(rows=[*LARGE, *none, *nobody, *nowhere]), "hdf5": archived(archive, "f8")}
     for reader, path in paths.items():
         tracks, account = read_recording(path, FileFormat(reader=reader))
-        assert (len(tracks.t), account.dropped_rows) == (120, {"nan_value": 1})
+        assert len(tracks.t) == 120
+        assert account.dropped_rows == {"no_track_id": 2, "no_person": 3, "nan_value": 2}
+        assert account.rows_read == 127
         assert len(np.unique(tracks.track_id)) == 2
 
 

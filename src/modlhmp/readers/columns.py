@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from modlhmp.account import Account
-from modlhmp.ids import NOBODY, NOBODYS
+from modlhmp.ids import is_missing, is_nobodys
 from modlhmp.readers.fields import fields_of, single_blanks
 from modlhmp.readers.lines import byte_kinds, plain_ids, scan
 from modlhmp.readers.numerals import number
@@ -187,9 +187,9 @@ def _together(fields):
     parts = [field.strip() for field in fields]
     if len(parts) == 1:
         return parts[0]
-    if parts[0] in NOBODY or parts[0] == NOBODYS:
+    if is_missing(parts[0]) or is_nobodys(parts[0]):
         return parts[0]
-    if any(part in ("", "nan", "NaN") for part in parts):
+    if any(part.casefold() in ("", "nan", "<na>") for part in parts):
         return ""
     return "/".join(part.replace("\\", r"\\").replace("/", r"\/") for part in parts)
 

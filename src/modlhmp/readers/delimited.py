@@ -17,7 +17,7 @@ from modlhmp.account import Account
 from modlhmp.angles import by_convention, wrap_angle
 from modlhmp.clock import unix_time, utc_offset
 from modlhmp.file_format import LENGTH_M
-from modlhmp.ids import NOBODY, NOBODYS
+from modlhmp.ids import NOBODYS, is_missing, is_nobodys
 from modlhmp.readers.columns import NO_ID, read_columns
 from modlhmp.readers.hints import hint, hint_of_rows, hint_of_units
 from modlhmp.readers.raw import People, line_blocks
@@ -145,7 +145,9 @@ def _moment(text, place, timezone, first):
 
 def _whose(text, place, owners):
     owners.check()
-    return NO_ID if text in NOBODY else owners.number(_utf8(text))
+    if is_missing(text):
+        return NO_ID
+    return NOBODYS if is_nobodys(text) else owners.number(_utf8(text))
 
 
 def _is_kept(text, place, texts, inside, seen):
@@ -238,7 +240,7 @@ def _drop_bad_rows(path, rows, numbers, has_velocity, day, layout, account):
         tests = {
             "infinite_value": np.logical_or.reduce([np.isinf(column) for column in measured]),
             "nan_value": np.logical_or.reduce([np.isnan(column) for column in measured]),
-            "no_person": rows.track_id == int(NOBODYS) if layout.get("ids") == "text" else rows.track_id < 0,
+            "no_person": rows.track_id == NOBODYS if layout.get("ids") == "text" else rows.track_id < 0,
             "absurd_value": (distance > MAX_DISTANCE_M) | (speed < 0) | (speed > MAX_SPEED_MPS)
             | (turned > MAX_HEADING_RAD),
             "outside_day": (rows.t < first) | (rows.t >= last),

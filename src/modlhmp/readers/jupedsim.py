@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from modlhmp.account import Account
+from modlhmp.ids import NOBODYS
 from modlhmp.readers.columns import NO_ID
 from modlhmp.readers.delimited import from_origin
 from modlhmp.storage import DataError, check_held, refused
@@ -98,9 +99,13 @@ def _tracks(path, ids, rows, rate, origin, day, origin_m):
     account.rows_read = len(rows)
     if not rate > 0:
         raise DataError(f"{path}: its frame rate is {rate:g}")
-    bad = (ids == NO_ID) | ~np.isfinite(rows).all(axis=1)
-    account.drop_rows("nan_value", bad.sum())
-    frame, x, y = rows[~bad].T
+    none, nan, nobody = ids == NO_ID, ~np.isfinite(rows).all(axis=1), ids == NOBODYS
+    account.drop_rows("no_track_id", none.sum())
+    account.drop_rows("nan_value", (nan & ~none).sum())
+    account.drop_rows("no_person", (nobody & ~nan).sum())
+    good = ~(none | nan | nobody)
+    ids = ids[good]
+    frame, x, y = rows[good].T
     x, y, near = from_origin(path, x, y, origin_m, account)
-    tracks = positions_alone(ids[~bad][near], origin + frame[near] / rate, x[near], y[near], day, account)
+    tracks = positions_alone(ids[near], origin + frame[near] / rate, x[near], y[near], day, account)
     return tracks, account

@@ -2,10 +2,11 @@
 
 import re
 
+from modlhmp.ids import is_missing
+
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 ALSO = {" ": "\u00a0\u202f", "'": "\u2019"}  # marks of thousands, and what else is written for them
 _SPECIAL = frozenset({"nan", "inf", "infinity"})
-_MISSING = frozenset({"na", "n/a", "null", "none", "-"})  # how tables write that a value was not measured
 
 
 def number(text: str, decimal: str = ".", thousands: str = "") -> float | None:
@@ -14,7 +15,7 @@ def number(text: str, decimal: str = ".", thousands: str = "") -> float | None:
     `decimal` is its decimal mark; `thousands`, where there is one, stands between groups of three digits.
     """
     text = text.strip(" \t\r\f\v")
-    if not text or text.lower() in _MISSING:
+    if is_missing(text):
         return float("nan")
     if text.removeprefix("+" if text[0] == "+" else "-").lower() in _SPECIAL:
         return float(text)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from modlhmp.account import Account
-from modlhmp.ids import NOBODY
+from modlhmp.ids import is_missing, is_nobodys
 from modlhmp.readers.delimited import from_origin
 from modlhmp.readers.raw import line_blocks
 from modlhmp.scenes import Scenes
@@ -129,10 +129,12 @@ def _one_line(line, number, rows, scenes, account):
         account.drop_rows("prediction", 1, example)
     elif None in values or "p" not in track:
         account.drop_rows("text_value", 1, example)
-    elif _text(track["p"]) in NOBODY:
+    elif is_missing(_text(track["p"])):
         account.drop_rows("no_track_id", 1, example)
     elif not np.isfinite(values).all():
         account.drop_rows("nan_value", 1, example)
+    elif is_nobodys(_text(track["p"])):
+        account.drop_rows("no_person", 1, example)
     else:
         rows.append((account.owners.number(_text(track["p"])), frame, x, y))
 
@@ -141,7 +143,9 @@ def _scene(scene, number, owners):
     """A scene's primary, frames and rows per second; None where it has none."""
     first, last, fps = (_number(scene.get(name)) for name in ("s", "e", "fps"))
     whose = _text(scene.get("p"))
-    if whose in NOBODY or first is None or last is None or not -np.inf < first < last < np.inf:
+    if is_missing(whose) or is_nobodys(whose):
+        return None
+    if first is None or last is None or not -np.inf < first < last < np.inf:
         return None
     if scene.get("fps") is not None and not (fps is not None and 0 < fps < np.inf):
         return None
