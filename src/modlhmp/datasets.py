@@ -20,7 +20,7 @@ from modlhmp.readers.files import IN_NAME, check_different, day_in_name, find_fi
 from modlhmp.readers.raw import ids_of_people
 from modlhmp.settings import Seconds, WholeFrom1, check, option
 from modlhmp.site import Site, check_site
-from modlhmp.splits import FOLDS
+from modlhmp.splits import FOLDS, check_column
 from modlhmp.storage import DataError, boundary
 from modlhmp.yaml_file import read_yaml
 
@@ -312,7 +312,7 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
         raise DataError(f"{path}: velocity: as_recorded needs speed and heading columns; use velocity: differences")
     for entry in file.recordings:
         if isinstance(entry.split, Split):
-            _check_split(path, entry.split, file.reader)
+            _check_split(path, entry.split, file)
         if file.clock == "unknown":
             if entry.day or entry.start:
                 raise DataError(
@@ -335,17 +335,18 @@ def _check_files(path: str | Path, file: DatasetFile) -> None:
             raise DataError(f'{path}: recordings: start {entry.start!r} is no clock time such as "09:00"')
 
 
-def _check_split(path: str | Path, split: Split, reader: str) -> None:
+def _check_split(path: str | Path, split: Split, file: FileFormat) -> None:
     """Whether a split says all that it needs."""
     where = f"{path}: recordings: split"
-    if split.by == "column" and reader not in ("delimited", "text"):
+    if split.by == "column" and file.reader not in ("delimited", "text"):
         raise DataError(
-            f"{where}: {{by: column}} is for the readers delimited and text, not for {reader}; divide by time"
+            f"{where}: {{by: column}} is for the readers delimited and text, not for {file.reader}; divide by time"
         )
     if split.by == "column" and (split.column is None or not isinstance(split.test, tuple)):
         raise DataError(f"{where}: {{by: column}} needs `column`, and in `test` the texts that mean so, such as [test]")
     if split.by != "column" and isinstance(split.test, tuple):
         raise DataError(f"{where}: test {list(split.test)}: with `by: {split.by}` give a share, such as 0.25")
+    check_column(where, split, file)
 
 
 def _floor_plan_files(file: DatasetFile, data_root: str | Path) -> tuple[str, ...]:

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from modlhmp.file_format import FileFormat, Recording
+from modlhmp.file_format import FileFormat, Recording, Split
 from modlhmp.ids import Owners, id_of
+from modlhmp.storage import DataError
 from modlhmp.streams import stream_keys
 from modlhmp.tracks import Tracks
 
@@ -17,14 +18,29 @@ _IS_TEST = {"train": False, "test": True}  # a divided file's recording without 
 
 
 def only_of(form: FileFormat, recording: Recording) -> FileFormat:
-    """The form that reads the rows of a recording's side alone, where a column of the file says which is which."""
+    """The form that reads the rows of a recording's side alone, where a column of the file says which is which.
+
+    What the form leaves out by itself is of neither side; its `only` has the texts of `test` (`check_column`).
+    """
     chosen = recording.chosen
     if chosen is None or chosen.by != "column" or chosen.column is None or not isinstance(chosen.test, tuple):
         return form
     key, texts = str(chosen.column), tuple(chosen.test)
     if _IS_TEST[recording.side]:
         return replace(form, only={**form.only, key: texts})
-    return replace(form, without={**form.without, key: texts})
+    return replace(form, without={**form.without, key: (*form.without.get(key, ()), *texts)})
+
+
+def check_column(where: str, split: Split, form: FileFormat) -> None:
+    """`DataError` where the form's `only` or `without` leaves out rows that a split by column would test on."""
+    key, tested = str(split.column), split.test if isinstance(split.test, tuple) else ()
+    for name, chosen in (("only", form.only.get(key)), ("without", form.without.get(key))):
+        texts = set(map(str, chosen or ()))
+        out = [text for text in map(str, tested) if chosen is not None and (text in texts) == (name == "without")]
+        if out:
+            raise DataError(
+                f"{where}: test [{', '.join(out)}]: `{name}: {{{key}: ...}}` leaves these rows out: correct one of them"
+            )
 
 
 def in_split(tracks: Tracks, recording: Recording, owners: Owners | None = None) -> np.ndarray:

@@ -416,6 +416,14 @@ def test_a_split_by_column_needs_a_table(load):
     refused(load, "{by: column} is for", "jupedsim", recordings=[{**MINE["recordings"][0], "split": split}], **plain)
 
 
+@pytest.mark.parametrize("left_out", [{"without": {"set": ["b", "y"]}}, {"only": {"set": ["a", "x"]}}])
+def test_a_split_by_a_text_that_the_dataset_leaves_out_is_refused(load, left_out):
+    split = {"by": "column", "column": "set", "test": ["x", "y"]}
+    key = next(iter(left_out))
+    told = f"test [y]: `{key}: {{set: ...}}` leaves these rows out"
+    refused(load, told, recordings=[{**MINE["recordings"][0], "split": split}], **left_out)
+
+
 @pytest.mark.parametrize("hours", [[9], [9, 25], [-1, 3], [9, 12, 15], ["9", "late"], [8.5, 17], [True, 17], 9])
 def test_hours_that_are_none_are_refused(load, hours):
     refused(load, "\n  hours", "clock hours that get a map", hours=hours)

@@ -87,6 +87,20 @@ def test_by_what_the_file_says(write):
     assert found == {"train": {0, 2, 4}, "test": {1, 3, 5}}
 
 
+@pytest.mark.parametrize("column", ["set", 1])
+@pytest.mark.parametrize(
+    "chosen", [{"without": {"set": ["val"]}}, {"only": {"set": ["train", "test"]}}, {"without": {"1": ["val"]}}]
+)
+def test_rows_that_the_dataset_leaves_out_are_of_neither_side(write, column, chosen):
+    sets = ("train", "test", "val")
+    path = write("id,set,t,x,y\n" + "".join(f"{n},{sets[n % 3]},{t},{t},{n}\n" for n in range(6) for t in range(5)))
+    form = FileFormat(columns=Columns(track_id="id", t="t", x="x", y="y"), header=True, **chosen)
+    split = Split(by="column", column=column, test=("test",))
+    for side, people in (("train", {0, 3}), ("test", {1, 4})):
+        tracks, _ = clean_recording(path, form, Recording(day="", side=side, chosen=split))
+        assert set(tracks.track_id.tolist()) == people
+
+
 def test_a_divided_file_is_a_recording_of_each_split():
     one, other = Recording(day="", name="hall", chosen=Split(by="time")), Recording(day="", name="plain", split="test")
     found = divided("d.yaml", [one, other])
