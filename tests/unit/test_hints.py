@@ -232,6 +232,25 @@ def test_a_text_to_choose_rows_by_that_the_file_writes_otherwise(tmp_path, key, 
     assert "writes 'pedestrian'" in told
 
 
+@pytest.mark.parametrize("key", ["only", "without"])
+@pytest.mark.parametrize(("text", "written"), [(2, "2.0"), (2, "02"), ("2.0", "2"), (20, "2.0e+01")])
+def test_a_number_to_choose_rows_by_that_the_file_writes_otherwise(tmp_path, key, text, written):
+    path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + f",{written if p % 2 else '1'}", "id,t,x,y,k")
+    assert f"writes {written!r}" in refusal(path, header=True, columns=PLACES, **{key: {"k": [text]}})
+
+
+@pytest.mark.parametrize(("texts", "told"), [(["car", 2], ["Car", "2.0"]), (["car", "Car", 2, "2.0", "CAR"], [])])
+def test_a_text_that_the_file_writes_in_two_ways_is_asked_about_unless_both_are_said(tmp_path, caplog, texts, told):
+    kinds = ["car", "Car", "2", "2.0", "walker"]
+    path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + f",{kinds[p % 5]}", "id,t,x,y,k")
+    form = check(FileFormat, {"header": True, "columns": PLACES, "without": {"k": texts}}, "test")
+    clean_recording(path, form, Recording())
+    asked = [one.getMessage() for one in caplog.records if "meant" in one.getMessage()]
+    assert [one.partition("the file also has ")[2] for one in asked] == [
+        f"{one!r}: is it meant as well?" for one in told
+    ]
+
+
 def test_a_text_to_choose_rows_by_that_no_row_has(tmp_path, caplog):
     path = file_of(tmp_path / "a.csv", lambda p, *row: comma(p, *row) + ",walker", "id,t,x,y,k")
     told = refusal(path, header=True, columns=PLACES, only={"k": ["adult", "child"]})

@@ -20,6 +20,7 @@ from modlhmp.file_format import LENGTH_M
 from modlhmp.ids import NOBODYS, is_missing, is_nobodys
 from modlhmp.readers.columns import NO_ID, read_columns
 from modlhmp.readers.hints import hint, hint_of_rows, hint_of_units
+from modlhmp.readers.numerals import number
 from modlhmp.readers.raw import People, line_blocks
 from modlhmp.storage import DataError
 from modlhmp.time_step import jumped, last_of_step, without_repeats
@@ -73,7 +74,7 @@ def read_delimited(
             newest = _note_jumps(newest, rows, layout["max_jump_mps"], step_s, account)
         pieces.append(last_of_step(rows, step_s, account) if has_velocity else rows)
     for field, (key, column) in chosen.items():
-        _check_texts(path, key, column, layout[key][column], seen[field])
+        _check_texts(path, key, column, layout[key][column], seen[field], layout)
     rows = concatenate(pieces)
     pieces.clear()  # a fifth of the memory of what follows
     rows = last_of_step(rows, step_s, account) if has_velocity else without_repeats(rows, account)
@@ -156,21 +157,30 @@ def _is_kept(text, place, texts, inside, seen):
     return (text in texts) == inside
 
 
-def _check_texts(path, key, column, texts, seen):
-    """Whether no text to choose rows by differs from one of the file's in nothing but case and blanks.
+def _check_texts(path, key, column, texts, seen, layout):
+    """Whether no text to choose rows by differs from one of the file's in nothing but case, blanks or digits.
 
-    One that is nearly another of the file's is warned of; without one it is no fault: a recording may have no cars.
+    The file may have both, and one that is nearly another of the file's may be meant: these are warned of. Without one
+    it is no fault: a recording may have no cars.
     """
-    others = sorted(seen - set(map(str, texts)))
-    for text in map(str, texts):
-        alike = next((one for one in seen if one.strip().casefold() == text.strip().casefold()), None)
-        if text not in seen and alike is not None:
-            raise DataError(f"{path}: {key}: {{{column}: [{text}]}}: the file writes {alike!r}; correct it")
-        if text not in seen and not text.isdecimal() and (near := difflib.get_close_matches(text, others, 1, NEAR)):
-            _LOG.warning(
-                "%s: %s: {%s: [%s]}: no row has that text, but the file has %r: is it mistyped?",
-                *(path, key, column, text, near[0]),
-            )
+    texts = list(map(str, texts))
+    others = sorted(seen - set(texts))
+    written = {_plainly(one, layout): one for one in reversed(others)}
+    for text in texts:
+        chosen, alike = f"{key}: {{{column}: [{text}]}}", written.get(_plainly(text, layout))
+        if text in seen:
+            if alike is not None:
+                _LOG.warning("%s: %s: the file also has %r: is it meant as well?", path, chosen, alike)
+        elif alike is not None:
+            raise DataError(f"{path}: {chosen}: the file writes {alike!r}; correct it")
+        elif not text.isdecimal() and (near := difflib.get_close_matches(text, others, 1, NEAR)):
+            _LOG.warning("%s: %s: no row has that text, but the file has %r: is it mistyped?", path, chosen, near[0])
+
+
+def _plainly(text, layout):
+    """What a text says in any spelling: the number that it is, if a float holds it, else the text in small letters."""
+    value = number(text, layout.get("decimal") or ".", layout.get("thousands") or "")
+    return value if value is not None and abs(value) < 2**53 else text.strip().casefold()
 
 
 def _utf8(text):
