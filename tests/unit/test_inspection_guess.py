@@ -112,9 +112,42 @@ def test_rows_of_others_are_left_out(tmp_path):
 def test_where_no_text_says_people_the_others_are_named(tmp_path):
     kind = np.array(["visitor", "staff", "forklift truck"])[PERSON % 3]
     path = file_of(
-        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f},{kind[n]}", "id,t,x,y,k"
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f},{kind[n]}", "id,t,x,y,kind"
     )
-    assert drafted(path, tmp_path)[0]["without"] == {"k": ["forklift truck"]}
+    assert drafted(path, tmp_path)[0]["without"] == {"kind": ["forklift truck"]}
+
+
+@pytest.mark.parametrize(
+    ("name", "texts", "asked"),
+    [
+        ("set", ["train", "val", "test"], False),
+        ("label", ["train", "val", "test"], True),
+        ("", ["train", "val", "test"], False),
+        ("destination", ["bus stop", "train platform", "exit"], True),
+        ("activity", ["walking", "pushing cart", "walking with dog"], True),
+        ("", ["walking", "pushing cart", "person"], True),
+    ],
+)
+def test_people_stay_whatever_else_a_column_says_of_them(tmp_path, name, texts, asked):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f},{texts[PERSON[n] % 3]}",
+        f"id,t,x,y,{name}" if name else "",
+    )
+    keys, draft, tracks = drafted(path, tmp_path)
+    assert not {"only", "without"} & keys.keys()
+    assert (f"holds {', '.join(sorted(texts))}: if some are no people" in draft) == asked
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+def test_all_that_a_column_of_classes_leaves_out_is_named(tmp_path):
+    kind = np.array(["pedestrian", "car", "child"])[PERSON % 3]
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f},{kind[n]}", "id,t,x,y,class"
+    )
+    keys, draft, _ = drafted(path, tmp_path)
+    assert keys["only"] == {"class": ["pedestrian"]}
+    assert "rows of car, child are left out" in line_of(draft, "only")
 
 
 def test_other_classes_are_told_and_left_to_a_human(tmp_path):
@@ -135,6 +168,55 @@ def test_an_id_that_stands_twice_at_a_time_belongs_to_another_column(tmp_path):
     assert "units" not in keys
     assert "decide" in line_of(draft, "columns")
     assert sum(len(part.t) for part in tracks) == 2 * len(ROWS)
+
+
+@pytest.mark.parametrize("dates", ["20260302,20260303", "1772409600,1772496000", "2026-03-02,2026-03-03"])
+def test_ids_and_times_that_begin_anew_every_day_belong_to_the_date(tmp_path, dates):
+    lines = [
+        f"{date},{PERSON[n]},{T[n]:.1f},{X[n] + 20 * day:.3f},{Y[n]:.3f}"
+        for day, date in enumerate(dates.split(","))
+        for n in range(len(ROWS))
+    ]
+    (tmp_path / "a.csv").write_text("\n".join(["date,id,t,x,y", *lines]) + "\n")
+    keys, _, tracks = drafted(tmp_path / "a.csv", tmp_path)
+    assert set(keys["columns"]["track_id"]) == {"date", "id"}
+    assert sum(len(part.t) for part in tracks) == 2 * len(ROWS)
+
+
+FAST = people(number=20, rows=100, step_s=0.25)
+
+
+@pytest.mark.parametrize("name", ["fraction", "subframe", "ms", "millis", "stamp_msec", "usec", "microseconds"])
+@pytest.mark.parametrize("seconds", ["s", "iso"])
+def test_a_fraction_of_a_second_makes_no_person(tmp_path, name, seconds):
+    per = {"fraction": 1, "subframe": 4, "usec": 1e6, "microseconds": 1e6}.get(name, 1e3)
+    lines = [
+        f"{int(p)},{np.datetime64('2026-03-02T09:00:00') + int(t) if seconds == 'iso' else int(t)},{t % 1 * per:.12g},"
+        f"{x:.3f},{y:.3f}"
+        for p, t, x, y, _, _ in FAST
+    ]
+    (tmp_path / "a.csv").write_text("\n".join([f"id,timestamp,{name},x,y", *lines]) + "\n")
+    told = refused(tmp_path / "a.csv")
+    assert f"column {name!r}" in told
+    assert "add " in told
+
+
+def test_times_in_milliseconds_and_whole_seconds_are_no_fractions(tmp_path):
+    for name, of_time in (("t_ms", lambda n: f"{1000 * T[n]:.0f}"), ("t,ms", lambda n: f"{T[n]:.0f},0")):
+        path = file_of(
+            tmp_path / "a.csv", lambda n, of_time=of_time: f"{PERSON[n]},{of_time(n)},{X[n]:.3f},{Y[n]:.3f}",
+            f"id,{name},x,y",
+        )  # fmt: skip
+        assert sum(len(part.t) for part in drafted(path, tmp_path)[2]) == len(ROWS)
+
+
+def test_parts_of_a_body_are_one_person(tmp_path):
+    def line(n):
+        return "\n".join(f"{PERSON[n]},{T[n]:.1f},{part},{X[n] + dx:.3f},{Y[n]:.3f}"
+                         for part, dx in (("head", 0), ("left", 0.2), ("right", -0.2)))  # fmt: skip
+
+    told = refused(file_of(tmp_path / "a.csv", line, "id,t,marker,x,y"))
+    assert "`only: {marker: [head]}`" in told
 
 
 def test_boxes_of_a_tracker_are_frames_and_pixels(tmp_path):
@@ -472,6 +554,19 @@ def test_robots_among_the_ids(tmp_path):
     assert keys["without"] == {"id": ["Robot_1"]}
     assert "decide" in line_of(draft, "without")
     assert sum(len(part.t) for part in tracks) == (PERSON != 4).sum()
+
+
+def test_names_of_people_that_hold_a_vehicle_s_word_are_asked_about(tmp_path):
+    first = ["van der Berg", "anna", "train", "car driver"]
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{first[PERSON[n] % 4]} {PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}",
+        "id,t,x,y",
+    )
+    keys, draft, tracks = drafted(path, tmp_path)
+    assert "without" not in keys
+    assert "decide: are ids such as car driver 11" in draft
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
 
 
 @pytest.mark.parametrize("others", ["x_px,y_px", "px,py", "x [mm],y [mm]"])

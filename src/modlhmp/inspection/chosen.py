@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,19 +10,27 @@ import numpy as np
 from modlhmp.inspection.roles import Columns, Values, name_and_unit, table_rows
 from modlhmp.inspection.sheet import Sheet
 from modlhmp.motion import returned_to
+from modlhmp.speed_units import extent_of
+from modlhmp.tracks import Tracks
 
 LEAST_ROWS = 3
 LEAST_SHARE = 0.01  # of rows that one position, or of rows that stand twice at a time, must have
 REPEATED = 0.1
 MOST_TEXTS = 30  # of a column of classes
+CLOSE = 0.1  # of the place's longer side
 LARGEST = 1000  # of a number that makes an id together with another one
 _PEOPLE = {"pedestrian", "pedestrians", "person", "persons", "people", "ped", "human", "humans", "walker"}
 _OTHERS = {
-    *("car", "cars", "bus", "truck", "lorry", "van", "tram", "train", "vehicle", "vehicles", "taxi", "motorcycle"),
+    # without "train", which names a part of a data set more often
+    *("car", "cars", "bus", "truck", "lorry", "van", "tram", "vehicle", "vehicles", "taxi", "motorcycle"),
     *("motorbike", "motorcyclist", "cyclist", "cyclists", "bicyclist", "bicycle", "bike", "biker", "scooter", "skater"),
     *("skateboarder", "cart", "forklift", "robot", "agv", "dog", "animal"),
 }
-_CLASSES = {"class", "cls", "type", "label", "category", "objtype", "objecttype", "agenttype", "datalabel", "kind"}
+_CLASSES = {
+    *("class", "classname", "cls", "type", "label", "labels", "category", "kind", "datalabel", "object", "objtype"),
+    *("objecttype", "objectclass", "objectlabel", "agent", "agenttype", "agentclass", "usertype", "roaduser"),
+    *("roadusertype", "species"),
+}
 
 
 class Chosen(NamedTuple):
@@ -46,37 +55,55 @@ def choose(sheet: Sheet, values: Values, columns: Columns) -> Chosen:
 
 
 def _by_class(sheet: Sheet, column: int, found: Chosen) -> None:
-    """Rows of what is no person, by a column that names it."""
+    """Rows of what is no person, by a column that names it: a column of classes, or one without a name that has both.
+
+    The texts of other columns may be of places and of what people do, so that a human decides.
+    """
     texts = [row[column] for row in sheet.rows]
     kinds = Counter(texts)
     if not 2 <= len(kinds) <= MOST_TEXTS:
         return
     called = str(sheet.called(column))
     named = column < len(sheet.names) and name_and_unit(sheet.names[column])[0] in _CLASSES
-    words = {text: set(re.findall("[a-z]+", text.lower())) for text in kinds}
+    words = {text: _words(text) for text in kinds}
     others = sorted(text for text in kinds if words[text] & _OTHERS)
     people = sorted(text for text in kinds if words[text] & _PEOPLE and text not in others)
-    if others and len(others) < len(kinds):
+    whole = {text.lower() for text in kinds}
+    of_classes = named or (not sheet.names and bool(whole & _OTHERS and whole & _PEOPLE))
+    if of_classes and others and len(others) < len(kinds):
         key, chosen = ("only", people) if people else ("without", others)
+        gone = sorted(kinds.keys() - people) if people else others
         found.keys.setdefault(key, {})[called] = chosen
-        found.asks[key] = f"rows of {', '.join(others)} are left out, by their names"
+        found.asks[key] = f"rows of {', '.join(gone)} are left out, by their names"
         found.rows[:] &= np.isin(texts, chosen) == (key == "only")
-    elif named:
-        shown = ", ".join(sorted(kinds)[:8]) + (", ..." if len(kinds) > 8 else "")
-        found.notes.append(f"decide: column {called!r} holds {shown}: if some are no people, or one id is several, "
-                           "say so by `only`, `without` or `columns: {track_id: [...]}`")  # fmt: skip
+    elif named or others:
+        found.notes.append(f"decide: column {called!r} holds {_shown(kinds)}: if some are no people, or one id is "
+                           "several, say so by `only`, `without` or `columns: {track_id: [...]}`")  # fmt: skip
 
 
 def _by_id(sheet: Sheet, columns: Columns, found: Chosen) -> None:
-    """Rows of what is no person by its id, such as `robot_1`."""
+    """Rows of what is no person by its id: a word of such alone or with a number: `robot_1`, not `van der Berg 1`."""
     if columns.track_id is None:
         return
     texts = [row[columns.track_id] for row in sheet.rows]
-    others = sorted(text for text in set(texts) if set(re.findall("[a-z]+", text.lower())) & _OTHERS)
+    like = {text for text in set(texts) if _words(text) & _OTHERS}
+    others = sorted(text for text in like if re.sub(r"[\W\d_]", "", text.lower()) in _OTHERS)
     if 0 < len(others) <= MOST_TEXTS and len(others) < len(set(texts)):
         found.keys.setdefault("without", {})[str(sheet.called(columns.track_id))] = others
         found.asks["without"] = f"rows of {', '.join(others)} are left out, by their ids"
         found.rows[:] &= ~np.isin(texts, others)
+        like -= set(others)
+    if like:
+        found.notes.append(f"decide: are ids such as {_shown(like)} of people? If not, say so by `without`")
+
+
+def _words(text: str) -> set[str]:
+    return set(re.findall(r"[^\W\d_]+", text.lower()))
+
+
+def _shown(texts: Collection[str]) -> str:
+    """The first of some texts, for a remark."""
+    return ", ".join(sorted(texts)[:8]) + (", ..." if len(texts) > 8 else "")
 
 
 def _by_lost(sheet: Sheet, found: Chosen) -> None:
@@ -122,9 +149,22 @@ def joint_ids(values: Values, columns: Columns) -> int | None:
         codes = values.codes[:, column]
         kinds = len(np.unique(codes))
         small = not (np.abs(values.numbers[:, column]) > LARGEST).any()  # neither of times nor of places
-        if small and 2 <= kinds <= MOST_TEXTS and (repeated := _repeated(ids * len(codes) + codes, t)) <= LEAST_SHARE:
+        steady = (np.diff(codes) != 0).mean() < LEAST_SHARE  # such as a date
+        if not (small or steady) or not 2 <= kinds <= MOST_TEXTS:
+            continue
+        if (repeated := _repeated(ids * len(codes) + codes, t)) <= LEAST_SHARE:
             found.append((repeated, kinds, column))
     return min(found)[2] if found else None
+
+
+def are_one_person(rows: Tracks) -> bool:
+    """Whether rows of one id and time are close together, as of one person's body, or within one second.
+
+    Those of several people, say on two floors, are anywhere in the place. `rows` are in the file's own units.
+    """
+    same = (np.diff(rows.track_id) == 0) & (np.diff(rows.t) == 0)
+    apart = np.hypot(np.diff(rows.x), np.diff(rows.y))[same]
+    return len(apart) > 0 and float(np.median(apart)) < CLOSE * extent_of(rows)
 
 
 def _repeated(ids: np.ndarray, t: np.ndarray) -> float:

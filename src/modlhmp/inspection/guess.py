@@ -15,7 +15,7 @@ from modlhmp.file_format import LENGTH_M, FileFormat
 from modlhmp.inspection.chosen import choose, joint_ids
 from modlhmp.inspection.roles import Columns, Values, find_columns, one_person, pace_of, table_rows, values_of
 from modlhmp.inspection.sheet import Sheet, first_lines, read_sheet
-from modlhmp.inspection.unfit import PIXEL_M, refuse_by_names, refuse_unfit, refuse_without_columns
+from modlhmp.inspection.unfit import PIXEL_M, refuse_by_names, refuse_parts_of_one, refuse_unfit, refuse_without_columns
 from modlhmp.inspection.velocities import velocity_columns
 from modlhmp.readers import read_recording
 from modlhmp.readers.delimited import MAX_DISTANCE_M, SECONDS, OtherFrameError
@@ -132,6 +132,7 @@ def _of_table(path: str | Path | People) -> Guess:
     found = Guess(_layout(sheet) | chosen.keys, sheet.asks | chosen.asks, notes=[*sheet.notes, *chosen.notes])
     found.keys["columns"] = {role: sheet.called(getattr(columns, role)) for role in ("track_id", "t", "x", "y")}
     if other is not None and columns.track_id is not None:
+        refuse_parts_of_one(path, sheet, columns.track_id, other, table_rows(values, columns)[0])
         found.keys["columns"]["track_id"] = [sheet.called(other), sheet.called(columns.track_id)]
         columns.remarks.append("an id alone stands several times at one time")
         codes = values.codes.copy()

@@ -8,6 +8,7 @@ from typing import NoReturn
 import numpy as np
 
 from modlhmp.file_format import LENGTH_M
+from modlhmp.inspection.chosen import are_one_person
 from modlhmp.inspection.roles import Columns, Values, name_and_unit, one_person, pace_of
 from modlhmp.inspection.sheet import Sheet
 from modlhmp.plausibility import are_clock_digits
@@ -22,7 +23,11 @@ _LONGER = {"minutes": 60.0, "hours": 3600.0, "days": 86_400.0}  # units of time 
 _NAMES_OF = {"min": "minutes", "mins": "minutes", "minute": "minutes", "hour": "hours", "hrs": "hours", "day": "days"}
 _DATE = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{1,4}([ T,].*)?")
 _CLOCK = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
-_OF_A_SECOND = re.compile(r"(nanosec|nsec|nanosecond)s?$")
+_OF_A_SECOND = {  # names of what times have beyond whole seconds, and how many of it a second has
+    1e9: re.compile(r".*(nanosec|nsec|nanosecond)s?"),
+    1e6: re.compile(r"(.*stamp|time|t)?(us|usecs?|micros|micros(ec|econd)s?)"),
+    1e3: re.compile(r"(.*stamp|time|t)?(ms|msecs?|millis|millis(ec|econd)s?)"),
+}
 _NUMBERED = re.compile(r"(?:pos)?_?([xy])_?(\d+)", re.IGNORECASE)
 _NUMBERED_ID = re.compile(r"(?:\w*id|ped\w*|person|agent|human|track)_?(\d+)", re.IGNORECASE)
 _SPREADSHEET = (20_000, 80_000)  # days since the last of 1899: of the years 1954 to 2119
@@ -33,8 +38,9 @@ _WALKS_MPS = (0.3, 3.0)
 def refuse_by_names(path: str | Path | People, sheet: Sheet, values: Values) -> None:
     """`DataError` where a column holds what times have beyond whole seconds, or a line several people."""
     for column, name in enumerate(sheet.names):
-        part = values.numbers[:, column]
-        if _OF_A_SECOND.search(re.sub(r"[^a-z]", "", name.lower())) and np.nanmax(part, initial=0) < 1e9:
+        part, plain = values.numbers[:, column], re.sub(r"[^a-z]", "", name.lower())
+        per = next((per for per, names in _OF_A_SECOND.items() if names.fullmatch(plain)), 0.0)
+        if 0 <= np.nanmin(part, initial=0) < np.nanmax(part, initial=0) < per:  # 0 alone: rows at whole seconds
             raise DataError(
                 f"{path}: column {sheet.called(column)!r} holds what times have beyond whole seconds: add them up into "
                 "one column"
@@ -59,6 +65,24 @@ def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Valu
     raise DataError(
         f"{path}: no choice of id, time, x and y among its {len(sheet.rows[0])} columns gives people who move "
         f"(rows such as {shown!r}): are ids in a column of their own? Say `columns` in a dataset file"
+    )
+
+
+def refuse_parts_of_one(path: str | Path | People, sheet: Sheet, owner: int, other: int, rows: Tracks) -> None:
+    """`DataError` where rows of one id and time, which column `other` tells apart, are one person's, not of several.
+
+    `owner` is the column of ids; `rows` are the table's in its own units.
+    """
+    if not are_one_person(rows):
+        return
+    called, texts = sheet.called(other), sorted({row[other] for row in sheet.rows})
+    together = f"; if they are people who walk together, say `columns: {{track_id: [{sheet.called(owner)}, {called}]}}`"
+    if isinstance(path, People):  # whose files have no such column; it stands before theirs
+        called, together = called - 1 if isinstance(called, int) else called, ""
+    raise DataError(
+        f"{path}: several rows have one id and time and are close together; column {called!r} tells them apart "
+        f"({', '.join(texts[:4])}). If it is a part of the time, add it to the column of times; if it is of cameras or "
+        f"of parts of a body, keep one of them by `only: {{{called}: [{texts[0]}]}}`{together}, in a dataset file"
     )
 
 
