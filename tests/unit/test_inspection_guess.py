@@ -8,6 +8,7 @@ from planted import PLACES, people
 from modlhmp.cleaning import clean_recording
 from modlhmp.datasets import load_dataset
 from modlhmp.inspection import inspect_file
+from modlhmp.inspection.guess import guess_people
 from modlhmp.storage import DataError
 
 ROWS = people(number=30, rows=25, standing=0)
@@ -164,9 +165,18 @@ def test_an_id_that_stands_twice_at_a_time_belongs_to_another_column(tmp_path):
         return "\n".join(f"s{c},{PERSON[n]},{T[n]:.1f},{X[n] + 9 * c:.3f},{Y[n]:.3f}" for c in (1, 2))
 
     keys, draft, tracks = drafted(file_of(tmp_path / "a.csv", line, "session,id,t,x,y"), tmp_path)
-    assert keys["columns"]["track_id"] == ["session", "id"]
+    assert keys["columns"]["track_id"] == ["id", "session"]  # beyond the first part, -1 may be a session
     assert "units" not in keys
     assert "decide" in line_of(draft, "columns")
+    assert sum(len(part.t) for part in tracks) == 2 * len(ROWS)
+
+
+def test_rows_of_nobody_stay_nobody_s_beside_a_second_part_of_the_id(tmp_path):
+    def line(n):
+        rows = [f"{floor},{PERSON[n]},{T[n]:.1f},{X[n] + 20 * floor:.3f},{Y[n]:.3f}" for floor in (-1, 0)]
+        return "\n".join([*rows, *([f"0,-1,{T[n]:.1f},{n % 40},{n % 30}"] if SOME[n] else [])])
+
+    _, _, tracks = drafted(file_of(tmp_path / "a.csv", line, "floor,id,t,x,y"), tmp_path)
     assert sum(len(part.t) for part in tracks) == 2 * len(ROWS)
 
 
@@ -179,7 +189,7 @@ def test_ids_and_times_that_begin_anew_every_day_belong_to_the_date(tmp_path, da
     ]
     (tmp_path / "a.csv").write_text("\n".join(["date,id,t,x,y", *lines]) + "\n")
     keys, _, tracks = drafted(tmp_path / "a.csv", tmp_path)
-    assert set(keys["columns"]["track_id"]) == {"date", "id"}
+    assert keys["columns"]["track_id"] == ["id", "date"]
     assert sum(len(part.t) for part in tracks) == 2 * len(ROWS)
 
 
@@ -260,6 +270,21 @@ def test_boxes_with_lost_rows_and_classes(tmp_path):
     assert keys["units"] == {"time": "frame", "length": "px"}
     assert keys["only"] == {"9": ["Pedestrian"]}
     assert keys["without"] == {"6": [1]} or keys["without"] == {"6": ["1"]}
+
+
+@pytest.mark.parametrize(("seen", "lost"), [("0", "1"), ("0.0", "1.0"), ("False", "True"), ("no", "yes"), ("0", "2")])
+def test_lost_boxes_are_left_out_however_that_is_written(tmp_path, seen, lost):
+    path = file_of(
+        tmp_path / "a.csv",
+        lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f},{lost if SOME[n] else seen}",
+        "id,t,x,y,lost",
+    )
+    keys, draft, tracks = drafted(path, tmp_path)
+    if lost == "2":
+        assert "decide: column 'lost' holds 0, 2" in draft
+    else:
+        assert keys["without"] == {"lost": [lost]}
+        assert sum(len(part.t) for part in tracks) < len(ROWS)
 
 
 @pytest.mark.parametrize("unit", ["s", "frame"])
@@ -428,6 +453,23 @@ def test_a_folder_with_a_file_for_each_person(tmp_path, header, text, columns):
     assert sum(len(part.t) for part in tracks) == len(ROWS)
     if not header.startswith("id"):
         assert "inspect its folder" in refused(folder / "p003.csv")
+
+
+@pytest.mark.parametrize("header", ["id,t,x,y", "person,t,x,y", ""])
+def test_a_small_file_of_several_people_makes_files_recordings(tmp_path, header):
+    folder = one_file_each(tmp_path / "files", header, lambda n: f"{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}")
+    assert guess_people(sorted(folder.iterdir())) is not None
+    few = [f"{p},{t:.1f},{x:.3f},{y:.3f}" for p in (40, 41) for t, x, y in ((0, 1, 2), (1, 2, 2), (2, 3, 2))]
+    (folder / "p040.csv").write_text("\n".join([header, *few] if header else few) + "\n")
+    assert guess_people(sorted(folder.iterdir())) is None
+
+
+def test_a_column_that_tells_people_of_one_file_apart_is_asked_about_in_each_file(tmp_path):
+    def text(n):
+        return "\n".join(f"{T[n]:.1f},{X[n] + 20 * part:.3f},{Y[n]:.3f},{'ab'[part]}" for part in (0, 1))
+
+    folder = one_file_each(tmp_path / "files", "t,x,y,who", text)
+    assert guess_people(sorted(folder.iterdir())) is None
 
 
 def test_files_of_one_name_in_several_folders_are_not_one_person(tmp_path):

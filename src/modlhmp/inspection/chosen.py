@@ -31,6 +31,7 @@ _CLASSES = {
     *("objecttype", "objectclass", "objectlabel", "agent", "agenttype", "agentclass", "usertype", "roaduser"),
     *("roadusertype", "species"),
 }
+_TRUE = {"true", "t", "yes", "y", "lost"}
 
 
 class Chosen(NamedTuple):
@@ -115,11 +116,18 @@ def _by_lost(sheet: Sheet, found: Chosen) -> None:
     flags = [{row[c] for row in sheet.rows} for c in (6, 7, 8)] if len(sheet.rows[0]) == 10 and not sheet.names else []
     if flags and all(flag <= {"0", "1"} for flag in flags) and sheet.number(sheet.rows[0][9]) is None:
         column = 6
-    lost = [row[column] == "1" for row in sheet.rows] if column is not None else []
-    if column is not None and any(lost) and not all(lost):
-        found.keys.setdefault("without", {})[str(sheet.called(column))] = ["1"]
+    if column is None:
+        return
+    texts = [row[column] for row in sheet.rows]
+    kinds = set(texts)
+    lost = sorted(text for text in kinds if sheet.number(text) == 1 or text.lower() in _TRUE)
+    if 0 < len(lost) < len(kinds):
+        found.keys.setdefault("without", {})[str(sheet.called(column))] = lost
         found.asks["without"] = "rows of boxes that were lost from view"
-        found.rows[:] &= ~np.array(lost)
+        found.rows[:] &= ~np.isin(texts, lost)
+    elif len(kinds) > 1:
+        found.notes.append(f"decide: column {sheet.called(column)!r} holds {_shown(kinds)}: if some rows are of boxes "
+                           "that were lost from view, say so by `without`")  # fmt: skip
 
 
 def _not_seen(values: Values, columns: Columns, found: Chosen) -> np.ndarray:

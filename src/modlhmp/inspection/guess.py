@@ -23,7 +23,7 @@ from modlhmp.readers.raw import People, open_raw
 from modlhmp.settings import check
 from modlhmp.site import MOST_STEP_S
 from modlhmp.speed_units import EXTENT_M, FOOT_M, USUAL_MPS, extent_of, rate_for
-from modlhmp.storage import boundary
+from modlhmp.storage import DataError, boundary
 from modlhmp.tracks import Tracks, usual_step
 
 _RATE = re.compile(r"(?:frame ?-?rate|fps)\D{0,3}(\d+(?:\.\d+)?)", re.I)
@@ -94,9 +94,14 @@ def guess_people(files: Sequence[str | Path]) -> Guess | None:
     sheets = [read_sheet(file, first_lines(file)) for file in largest]
     if not all(map(_is_of_one, sheets)):
         return None
+    ids = _id_columns(sheets)
+    if ids and any(_are_of_several(file, ids) for file in files if file not in largest):
+        return None
     first = sheets[-1]
     comment = next((one.comment for one in sheets if one.comment), "#")
     found = _of_table(People(tuple(map(str, files)), first.separator or " ", first.header, first.skip_lines, comment))
+    if isinstance(found.keys["columns"]["track_id"], list):  # another column tells several people of a file apart
+        return None
     columns = {role: column for role, column in found.keys["columns"].items() if role != "track_id"}
     found.keys["columns"] = {role: _own(column) for role, column in columns.items()}
     for key in {"only", "without"} & found.keys.keys():
@@ -107,9 +112,32 @@ def guess_people(files: Sequence[str | Path]) -> Guess | None:
 
 def _is_of_one(sheet: Sheet) -> bool:
     """Whether all rows of a table are of one person."""
+    columns = _columns_of_one(sheet)
+    return columns is not None and len(np.unique(values_of(sheet).ids(columns))) == 1
+
+
+def _columns_of_one(sheet: Sheet) -> Columns | None:
     values = values_of(sheet)
-    columns = find_columns(sheet, values) or one_person(sheet, values)
-    return columns is not None and len(np.unique(values.ids(columns))) == 1
+    return find_columns(sheet, values) or one_person(sheet, values)
+
+
+def _id_columns(sheets: Sequence[Sheet]) -> list[int]:
+    """Columns of ids in files of one person each: named so, or of one text in each of the sheets, in each another."""
+    columns = _columns_of_one(sheets[-1])
+    if columns is not None and "track_id" in columns.named:
+        return [columns.named["track_id"]]
+    width = min(len(sheet.rows[0]) for sheet in sheets)
+    kinds = [[{row[column] for row in sheet.rows} for sheet in sheets] for column in range(width)]
+    return [c for c, kind in enumerate(kinds) if set(map(len, kind)) == {1} and len(set.union(*kind)) == len(sheets)]
+
+
+def _are_of_several(file: str | Path, columns: Sequence[int]) -> bool:
+    """Whether a file holds several ids in one of the columns; no table holds none, as its reader will tell."""
+    try:
+        rows = read_sheet(file, first_lines(file)).rows
+    except DataError:
+        return False
+    return any(len({row[column] for row in rows if column < len(row)}) > 1 for column in columns)
 
 
 def _own(column: int | str) -> int | str:
@@ -128,12 +156,15 @@ def _of_table(path: str | Path | People) -> Guess:
     chosen = choose(sheet, values, columns)
     sheet = sheet._replace(rows=[row for row, kept in zip(sheet.rows, chosen.rows, strict=True) if kept])
     values = values.take(chosen.rows)
-    other = joint_ids(values, columns)
+    followed = values  # without rows of -1, who is nobody and may stand many times at one time
+    if columns.track_id is not None:
+        followed = values.take(values.numbers[:, columns.track_id] != -1)
+    other = joint_ids(followed, columns)
     found = Guess(_layout(sheet) | chosen.keys, sheet.asks | chosen.asks, notes=[*sheet.notes, *chosen.notes])
     found.keys["columns"] = {role: sheet.called(getattr(columns, role)) for role in ("track_id", "t", "x", "y")}
     if other is not None and columns.track_id is not None:
-        refuse_parts_of_one(path, sheet, columns.track_id, other, table_rows(values, columns)[0])
-        found.keys["columns"]["track_id"] = [sheet.called(other), sheet.called(columns.track_id)]
+        refuse_parts_of_one(path, sheet, columns.track_id, other, table_rows(followed, columns)[0])
+        found.keys["columns"]["track_id"] = [sheet.called(columns.track_id), sheet.called(other)]
         columns.remarks.append("an id alone stands several times at one time")
         codes = values.codes.copy()
         codes[:, columns.track_id] = codes[:, columns.track_id] * len(codes) + codes[:, other]
