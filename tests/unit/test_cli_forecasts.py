@@ -137,7 +137,7 @@ def told(*arguments):
 
 
 def test_what_is_not_used_and_what_was_guessed_is_told(folder, tmp_path):
-    """Speeds that are there, and the columns of a file of others."""
+    """Speeds that are there, and of a file of others its columns and what only a human can decide."""
     arguments = ("forecast", "--map", "cvm", "--horizon", 3, "--tracks")
     assert "the speeds and headings in" in told(*arguments, folder / "walks.parquet")
     assert told(*arguments, folder / "walks.csv") == ""
@@ -146,6 +146,11 @@ def test_what_is_not_used_and_what_was_guessed_is_told(folder, tmp_path):
     said_so = told(*arguments, tmp_path / "f.csv")
     assert "the speeds and headings" not in said_so  # those that cleaning has made are nobody's record
     assert "f.csv: read as track_id = track_id, t = t, x = px, y = py, brought to a row every 1 s" in said_so
+    assert "decide" not in said_so
+    of["class"] = 0
+    of.loc[of["track_id"] == of["track_id"].iloc[-1], "class"] = 1
+    of.to_csv(tmp_path / "f.csv", index=False)
+    assert "f.csv: decide: column 'class' holds" in told(*arguments, tmp_path / "f.csv")
 
 
 def test_a_picture_beside_the_file(folder, tmp_path):

@@ -199,7 +199,8 @@ def _form_of(file: Path, shown: str, time_step_s: float) -> FileFormat:
         raise DataError(f"{shown}: how it is written is in doubt ({doubts}): {remedy}")
     columns = found.keys.get("columns", {})
     taken = ", ".join(f"{role} = {column}" for role, column in columns.items()) or found.keys["reader"]
-    typer.echo(f"{shown}: read as {taken}, brought to a row every {time_step_s:g} s", err=True)
+    for told in (f"read as {taken}, brought to a row every {time_step_s:g} s", *found.notes):
+        typer.echo(f"{shown}: {told}", err=True)
     return check(FileFormat, {**found.keys, "time_step_s": time_step_s}, shown)
 
 
