@@ -553,6 +553,34 @@ def test_a_row_number_is_no_position(tmp_path, header):
     assert keys["columns"] == {"track_id": 1, "t": 2, "x": 3, "y": 4}
 
 
+@pytest.mark.parametrize(
+    ("names", "others"),
+    [
+        ("id,track_id", lambda n: n),  # the key of a database
+        ("agent,id", lambda n: "pedestrian"),
+        ("object,track_id", lambda n: "child" if PERSON[n] % 5 else "adult"),
+        ("obj,id", lambda n: (7 * PERSON[n] + 11 * int(T[n])) % 30),  # a number of each detection at its time
+        ("person,id", lambda n: PERSON[n]),
+    ],
+)
+@pytest.mark.parametrize("axes", ["x,y", "e,n"])
+def test_of_several_columns_that_are_called_as_ids_people_s_is_taken(tmp_path, names, others, axes):
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{others(n)},{PERSON[n]},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}", f"{names},t,{axes}"
+    )
+    keys, _, tracks = drafted(path, tmp_path)
+    assert keys["columns"]["track_id"] == names.split(",")[not names.startswith("person")]
+    assert sum(len(part.bounds()) - 1 for part in tracks) == 30
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
+def test_a_row_number_that_is_called_as_ids_are_is_no_id(tmp_path):
+    path = file_of(tmp_path / "a.csv", lambda n: f"{n},{T[n]:.1f},{PERSON[n]},{X[n]:.3f},{Y[n]:.3f}", "no,t,walker,x,y")
+    assert drafted(path, tmp_path)[0]["columns"]["track_id"] == "walker"
+    folder = one_file_each(tmp_path / "persons", "id,t,x,y", lambda n: f"{n},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f}")
+    assert drafted(folder, tmp_path)[0]["file_is"] == "person"
+
+
 def test_a_second_time_is_no_position(tmp_path):
     path = file_of(tmp_path / "a.csv", lambda n: f"{FRAME[n]},{T[n]:.1f},{PERSON[n]},{X[n]:.3f},{Y[n]:.3f}")
     keys, _, _ = drafted(path, tmp_path)

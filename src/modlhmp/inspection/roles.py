@@ -36,6 +36,7 @@ _UNIT = re.compile(
     re.IGNORECASE,
 )
 SMOOTH = 0.2  # a step of a person by the size of the place
+AS_SMOOTH = 2.0  # times the smallest step: so far may those of another column of ids be
 UNTIDY = 1.0  # of recordings it is below 0.5; of tables that are none, such as a map, above 1.5
 _IMAGE_PX = 100.0  # the least that positions in an image vary
 FLATTER = 5.0  # times: so much less than the others vary heights
@@ -195,7 +196,37 @@ def _named(sheet, values):
         if min(across, along) > FLATTER * up:
             named["y"] = height
             remarks = ["y hardly varies, as heights do, so z is taken for it"]
+    if "track_id" in named:
+        owner = _owner(values, named, found["track_id", False])
+        named = {role: column for role, column in (named | {"track_id": owner}).items() if column is not None}
     return named, {role: unit_of[p] for role, p in named.items() if unit_of[p]}, remarks
+
+
+def _owner(values, named, candidates):
+    """Of columns with names of ids the one of people; None where every row has a number of its own.
+
+    Of those whose ids move little from time to time, the one of most ids, so that nobody is two people: neither kinds
+    of people, nor cameras, nor numbers that detections have at a time.
+    """
+    if not {"t", "x", "y"} <= named.keys():
+        best = _by_values(values, named, candidates)
+        return best[0] if best else candidates[0]
+    places = values.numbers[:, [named["t"], named["x"], named["y"]]]
+    known = np.isfinite(places).all(axis=1)
+    ids, places = values.codes[known], places[known]
+    several = [column for column in candidates if len(np.unique(ids[:, column])) < len(ids)]
+    if len(ids) and not several:
+        return None
+    steps = {}
+    for column in several:
+        order = np.lexsort((places[:, 0], ids[:, column]))
+        ahead = np.diff(places[order], axis=0)[np.diff(ids[order, column]) == 0]
+        if (later := ahead[:, 0] > 0).any():
+            steps[column] = np.median(np.hypot(*ahead[later, 1:].T))
+    if not steps:
+        return candidates[0]
+    smooth = [column for column, step in steps.items() if step <= AS_SMOOTH * min(steps.values())]
+    return max(smooth, key=lambda column: len(np.unique(ids[:, column])))
 
 
 def _spread(values, column):
