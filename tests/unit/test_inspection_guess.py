@@ -312,6 +312,27 @@ def test_times_since_a_computer_was_started(tmp_path, name, unit, per, since):
     assert sum(len(np.unique(part.track_id)) for part in tracks) == 30
 
 
+@pytest.mark.parametrize("name", ["stamp_ms", "t"])
+def test_milliseconds_since_a_computer_was_started_days_ago(tmp_path, name):
+    """As seconds, these are of 1982, and of rows that are half a minute apart."""
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{400_000_000 + 33 * T[n]:.0f},{X[n] / 30:.3f},{Y[n] / 30:.3f}",
+        f"id,{name},x,y",
+    )  # fmt: skip
+    keys, _, _ = drafted(path, tmp_path)
+    assert keys["units"] == {"time": "ms"}
+    assert keys["clock"] == "unknown"
+
+
+def test_a_name_s_unit_gives_way_to_one_by_which_people_walk(tmp_path):
+    path = file_of(
+        tmp_path / "a.csv", lambda n: f"{PERSON[n]},{1_772_442_000 + T[n]:.2f},{X[n]:.3f},{Y[n]:.3f}", "id,t_ms,x,y"
+    )
+    keys, _, _ = drafted(path, tmp_path)
+    assert "units" not in keys
+    assert str(keys["recordings"][0]["day"]) == "2026-03-02"
+
+
 @pytest.mark.parametrize("name", ["timestamp", "time_ms", "seconds"])
 def test_times_are_preferred_to_frames(tmp_path, name):
     factor, begin = {"timestamp": (1, 1_772_442_000), "time_ms": (1000, 0), "seconds": (1, 0)}[name]

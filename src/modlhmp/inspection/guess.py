@@ -237,15 +237,17 @@ def _times_and_lengths(found: Guess, sheet: Sheet, values: Values, columns: Colu
     length = length.lower() if length else None
     length = "ft" if length == "feet" else length
     rate = float(match[1]) if (match := _RATE.search(told)) else None
-    time = "iso" if columns.t in values.iso else _unit_of_time(clock, step, columns.units.get("t"), rate)
+    pace, extent = pace_of(rows), extent_of(rows)  # units of length per unit of time; units of length
+    walking = _walking(pace, extent, length)
+    units = {unit for unit, _, _ in walking}
+    time = "iso" if columns.t in values.iso else _unit_of_time(clock, step, columns.units.get("t"), rate, units)
     if time == "iso" or (time in _UNIX and _UNIX[time][0] < np.nanmedian(clock) < _UNIX[time][1]):
         found.clock = True
-    pace, extent = pace_of(rows), extent_of(rows)  # units of length per unit of time; units of length
     seconds = SECONDS.get(time or "", 1.0 if time == "iso" else None)
     if time is None or time == "frame":
         if length is None and (columns.of_image or _are_pixels(rows)):
             length, time = "px", "frame"
-        _frames_or_seconds(found, pace, extent, length, time, rate)
+        _frames_or_seconds(found, pace, extent, length, rate, [] if time == "frame" else walking)
         return
     assert seconds is not None
     if time != "s":
@@ -253,19 +255,36 @@ def _times_and_lengths(found: Guess, sheet: Sheet, values: Values, columns: Colu
     _length(found, pace / seconds, extent, length)
 
 
-def _unit_of_time(clock: np.ndarray, step: float, named: str | None, rate: float | None) -> str | None:
+def _walking(pace: float, extent: float, length: str | None) -> list[tuple[str, str, float]]:
+    """Units of time and length by which people walk as people do, and how fast [m/s]."""
+    return [
+        (unit, of_length, speed)
+        for unit, of_length in itertools.product(SECONDS, [length] if length else LENGTH_M)
+        if (metres := _METRES.get(of_length)) is not None
+        and EXTENT_M[0] <= extent * metres <= EXTENT_M[1]
+        and PLAUSIBLE_MPS[0] <= (speed := pace * metres / SECONDS[unit]) <= PLAUSIBLE_MPS[1]
+    ]
+
+
+def _unit_of_time(
+    clock: np.ndarray, step: float, named: str | None, rate: float | None, walking: set[str]
+) -> str | None:
     """The unit of a column of times; None for whole numbers that may be of a second, or less, or frames.
 
-    `step` is the usual one between a person's rows, by which microseconds of some clock are not seconds since 1970.
+    The column's name comes first, then units since 1970, but no unit by which people do not walk while they do by
+    another one (`walking`), nor one by which the usual `step` between a person's rows is too long: numbers since a
+    computer was started may look like times since 1970.
     """
-    middle = float(np.nanmedian(clock))
-    for unit, (first, last) in _UNIX.items():
-        if first < middle < last and step * SECONDS[unit] <= MOST_STEP_S:
-            return unit
-    if named in ("s", "ms", "us", "ns", "frame"):
+    middle, known = float(np.nanmedian(clock)), clock[np.isfinite(clock)]
+    whole = np.array_equal(known, np.rint(known))
+    since_1970 = [unit for unit, (first, last) in _UNIX.items() if first < middle < last]
+    told = [named] if named in SECONDS else []
+    fitting = [unit for unit in [*told, *since_1970] if step * SECONDS[unit] <= MOST_STEP_S]
+    if fitting and (told or not whole or not walking or walking & {*fitting}):
+        return next((unit for unit in fitting if unit in walking), fitting[0])
+    if named in (*SECONDS, "frame"):
         return named
-    known = clock[np.isfinite(clock)]
-    if not np.array_equal(known, np.rint(known)):
+    if not whole:
         return "s"
     return "frame" if rate else None
 
@@ -277,17 +296,14 @@ def _are_pixels(rows: Tracks) -> bool:
     return bool(100 < spread < MOST_PX and places.min() > -0.3 * spread and (places % 1 == 0).all())
 
 
-def _frames_or_seconds(found, pace, extent, length, time, rate):
-    """Whole numbers as times: seconds, or less, if people walk as people do, else frames of some rate."""
-    for unit, of_length in itertools.product(SECONDS, [length] if length else LENGTH_M):
-        metres = _METRES.get(of_length)
-        if metres is None or time == "frame" or not EXTENT_M[0] <= extent * metres <= EXTENT_M[1]:
-            continue
-        if PLAUSIBLE_MPS[0] <= (speed := pace * metres / SECONDS[unit]) <= PLAUSIBLE_MPS[1]:
-            if unit != "s":
-                found.keys["units"] = {"time": unit}
-            found.asks["units"] = f"times are whole numbers without a unit: {unit} and {of_length} give {speed:.2g} m/s"
-            return _length(found, pace / SECONDS[unit], extent, of_length)
+def _frames_or_seconds(found, pace, extent, length, rate, walking):
+    """Whole numbers as times: seconds, or less, if people walk by them (`walking`), else frames of some rate."""
+    if walking:
+        unit, of_length, speed = walking[0]
+        if unit != "s":
+            found.keys["units"] = {"time": unit}
+        found.asks["units"] = f"times are whole numbers without a unit: {unit} and {of_length} give {speed:.2g} m/s"
+        return _length(found, pace / SECONDS[unit], extent, of_length)
     found.keys["units"] = {"time": "frame"}
     if rate is not None:
         found.keys["frame_rate"] = rate
