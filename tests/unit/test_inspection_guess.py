@@ -1,5 +1,7 @@
 """What `modlhmp inspect FILE` proposes beside columns and units: sentinels, classes, joint ids, boxes, persons."""
 
+import gzip
+
 import numpy as np
 import pytest
 import yaml
@@ -530,6 +532,21 @@ def test_a_folder_of_recordings_lists_them(tmp_path):
     ]  # fmt: skip
     assert "2 other files" in draft
     assert len(tracks) == 3
+
+
+@pytest.mark.parametrize("suffix", ["", ".gz"])
+def test_days_of_a_folder_s_other_files_are_those_of_all_their_rows(tmp_path, suffix):
+    (tmp_path / "days").mkdir()
+    for number in range(2):
+        rows = [
+            f"{p + 1000 * k},{1_772_442_000 + 86_400 * (2 * number + k // 40) + t:.1f},{x:.3f},{y:.3f}"
+            for k in range(80 - number)
+            for p, t, x, y in zip(PERSON, T, X, Y, strict=True)
+        ]
+        text = ("\n".join(["id,t,x,y", *rows]) + "\n").encode()
+        (tmp_path / f"days/{number}.csv{suffix}").write_bytes(gzip.compress(text) if suffix else text)
+    keys = yaml.safe_load(inspect_file(tmp_path / "days", tmp_path).draft)
+    assert [(str(one["day"]), one["days"]) for one in keys["recordings"]] == [("2026-03-02", 2), ("2026-03-04", 2)]
 
 
 @pytest.mark.parametrize("text", ["1772528400000", "unknown"])

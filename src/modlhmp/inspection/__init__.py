@@ -135,7 +135,7 @@ def _drafted(
     if facts.fault:
         raise DataError(facts.fault)
     listed = [_listed(file, found, recording, data_root) for file in files]
-    but = " but for their days" if found.clock else ""
+    but = " but for the days of their first and last lines" if found.clock else ""
     others = f"{len(files) - 1} other files have not been looked at{but}; inspect this draft as well"
     away = (
         f"decide: not under the data root {data_root}, where others have it"

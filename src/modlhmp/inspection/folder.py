@@ -8,7 +8,7 @@ import numpy as np
 
 from modlhmp.inspection.guess import Guess, days_of
 from modlhmp.inspection.roles import values_of
-from modlhmp.inspection.sheet import first_lines, read_sheet
+from modlhmp.inspection.sheet import first_lines, last_lines, read_sheet
 from modlhmp.readers import read_recording
 from modlhmp.readers.delimited import SECONDS
 from modlhmp.readers.raw import COMPRESSED
@@ -47,10 +47,13 @@ def under(file: Path, data_root: str | Path) -> str:
 
 
 def first_day(file: Path, found: Guess) -> tuple[str, int]:
-    """The first day of a recording of a known form whose times are of a clock, and how many days, by its first rows."""
+    """The first day of a recording of a known form whose times are of a clock, and how many days.
+
+    By the first and the last rows of a table, of which nothing else is looked at.
+    """
     if "columns" not in found.keys:
         return days_of(read_recording(file, found.form)[0])
-    sheet = read_sheet(file, first_lines(file))
+    sheet = read_sheet(file, first_lines(file) + last_lines(file))
     column = found.keys["columns"]["t"]
     if isinstance(column, str) and column not in sheet.names:
         raise DataError(

@@ -3,7 +3,7 @@
 import codecs
 import itertools
 import re
-from collections import Counter
+from collections import Counter, deque
 from pathlib import Path
 from typing import NamedTuple
 
@@ -57,12 +57,22 @@ def first_lines(path: str | Path | People) -> list[str]:
     lines: list[str] = []
     size = 0
     for block in line_blocks(path):
-        text = block.removeprefix(codecs.BOM_UTF8).decode("utf-8", "replace").removesuffix("\n")
-        lines += [line.rstrip("\r") for line in text.split("\n")]  # no other line ends, as readers count lines
+        lines += _lines_of(block)
         size += len(block)
         if len(lines) >= MOST_LINES or size >= MOST_BYTES:
             break
     return lines[:MOST_LINES]
+
+
+def last_lines(path: str | Path | People) -> list[str]:
+    """The last lines of a text file, of which all is read, as it may be compressed, but nothing else looked at."""
+    return _lines_of(deque(line_blocks(path), maxlen=1).pop())[-MOST_LINES:]
+
+
+def _lines_of(block):
+    """The lines of a block of whole lines; they have no other ends than readers count."""
+    text = block.removeprefix(codecs.BOM_UTF8).decode("utf-8", "replace").removesuffix("\n")
+    return [line.rstrip("\r") for line in text.split("\n")]
 
 
 def read_sheet(path: str | Path | People, lines: list[str]) -> Sheet:
