@@ -68,6 +68,19 @@ def test_marks_of_thousands(tmp_path, thousands, decimal, separator, digits):
     assert sum(len(part.t) for part in tracks) == len(ROWS)
 
 
+@pytest.mark.parametrize(("separator", "marks"), [(",", ",."), (",", ".,"), (" ", ". ")])
+def test_quoted_numbers_may_hold_the_separator(tmp_path, separator, marks):
+    def written(value):
+        return '"' + f"{value:,.1f}".translate(str.maketrans({",": marks[1], ".": marks[0]})) + '"'
+
+    def line(n):
+        return separator.join([str(PERSON[n]), *map(written, (T[n], 1000 * X[n], 1000 * Y[n]))])
+
+    keys, _, tracks = drafted(file_of(tmp_path / "a.csv", line, separator.join(["id", "t", "x", "y"])), tmp_path)
+    assert (keys.get("decimal", "."), keys["thousands"]) == tuple(marks)
+    assert sum(len(part.t) for part in tracks) == len(ROWS)
+
+
 def test_a_decimal_comma_with_three_digits_is_no_mark_of_thousands(tmp_path):
     path = file_of(
         tmp_path / "a.csv", lambda n: f"{PERSON[n]};{T[n]:.3f};{X[n]:.3f};{Y[n]:.3f}".replace(".", ","), "id;t;x;y"
@@ -419,7 +432,8 @@ def test_quoted_ids_may_hold_the_separator(tmp_path):
         ("t,x1,y1,x2,y2,x3,y3", "{t:.1f},{x:.2f},{y:.2f},{y:.2f},{x:.2f},{y:.2f},{y:.2f}", "one row for each person"),
         ("t,id1,x1,y1,id2,x2,y2", "{t:.1f},{p},{x:.2f},{y:.2f},7,{y:.2f},{x:.2f}", "one row for each person"),
         ("t,a_x,a_y,b_x,b_y", "{n},{n:.2f},{y:.2f},{y:.2f},{n:.2f}", "or, where a line holds several people"),
-        ("id,t,x,y", '{p},{t:.1f},"{mm:,.0f}","{mm:,.0f}"', "no numbers"),
+        ("id,t,x,y", "{p},{t:.1f},{x:.3f} E,{y:.3f} N", "no numbers"),
+        ("", '{p},{t:.1f},"{mm:,.0f}","{mm:,.0f}"', "with ; between columns"),
         ("id,Datum,x,y", "{p},02.03.2026 {clock},{x:.3f},{y:.3f}", "times such as '02.03.2026 09:00:00.0' are neither"),
         ("id;Uhrzeit;x;y", "{p};{clock};{x:.3f};{y:.3f}", "times such as '09:00:00.0' are neither"),
         ("id,date,x,y", "{p},2026/3/2 {clock},{x:.3f},{y:.3f}", "nor ISO 8601 (2026-03-02T09:00:00.5"),

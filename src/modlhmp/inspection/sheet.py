@@ -118,6 +118,11 @@ def read_sheet(path: str | Path | People, lines: list[str]) -> Sheet:
         asks["comment"] = f"rows or not? {_counted(like_rows)}; if ids begin so, set ''"
     rows_alone = [row for _, row in rows]
     decimal, thousands = marks
+    if separator in marks and not above:  # readers tell them apart by the header's width
+        raise DataError(
+            f"{path}: numbers in quotes, such as those of {kept[begin][1].strip()[:80]!r}, hold the mark that stands "
+            "between columns as well, and no header names these: add one, or save the file with ; between columns"
+        )
     return Sheet(
         separator, decimal, thousands, comment, skipped, bool(above), names, rows_alone, commented, asks, notes
     )  # fmt: skip
@@ -178,8 +183,10 @@ def _fits(lines, separator):
     if width < _LEAST_COLUMNS:
         return best
     rows = [row for row in rows if len(row) == width][: MOST_FIELDS // width + 1]
+    between = separator or " "
+    quoted = any(between in field for row in rows for field in row)
     for marks in _MARKS:
-        if separator in marks or (separator is None and " " in marks):
+        if between in marks and not quoted:
             continue
         numeric = [
             column
