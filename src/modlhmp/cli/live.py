@@ -140,8 +140,8 @@ def _forecaster(
 
     given = with_exits(named_values(options, HERE), exits)
     source = UpdatedMap.load(map_file) if is_state(map_file) else map_or_kind(map_file)
-    named = {} if recording is None else {"recording": recording}
-    return Live(source, horizon_s, **named, **given)
+    given |= {} if recording is None else {"recording": recording}
+    return Live(source, horizon_s, **given)
 
 
 def _moments(forecaster: "Live", listed: str) -> list[float]:
