@@ -62,12 +62,7 @@ def update(
     if not (tracks or merge or remove_day or out or half_life is not None):
         raise DataError(f"{state}: nothing to do: give tracks, --merge, --remove-day, --half-life or --out")
     check_file("STATE", state, ".parquet")
-    if not state.exists() and not (tracks or merge):
-        raise DataError(f"{state}: no such file; give tracks or --merge for a new map")
-    kept = _kept(state, kind, options, timezone) if state.exists() else None
-    if not kept and merge and not tracks:
-        first = _kept(merge[0], kind, options, timezone)
-        kept = UpdatedMap(first.kind, first.site, **first.building)
+    kept = _begun(state, bool(tracks), merge, kind, options, timezone)
     if tracks and all(map(is_dataset, tracks)) and not kept:
         check_zone(timezone, tracks[0])
     if out is not None:
@@ -90,6 +85,20 @@ def update(
     kept.save(state)
     if out is not None:
         _write(kept, out)
+
+
+def _begun(
+    state: Path, told: bool, merge: list[Path] | None, kind: str | None, options: list[str] | None, timezone: str | None
+) -> UpdatedMap | None:
+    """What a state holds, or an empty map like the first that is merged into a new one; None if tracks make it."""
+    if state.exists():
+        return _kept(state, kind, options, timezone)
+    if told:
+        return None
+    if not merge:
+        raise DataError(f"{state}: no such file; give tracks or --merge for a new map")
+    first = _kept(merge[0], kind, options, timezone)
+    return UpdatedMap(first.kind, first.site, **first.building)
 
 
 def _kept(state: Path, kind: str | None, options: list[str] | None, timezone: str | None) -> UpdatedMap:
