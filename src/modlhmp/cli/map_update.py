@@ -68,9 +68,7 @@ def update(
     if out is not None:
         check_name("--out", kept.kind if kept else kind or "cliff", out)
     place = kept.site if kept else timezone or "UTC"
-    walked = [one for file in tracks or [] for one in _recordings(file, data_root, place)]
-    if len({name for name, _, _ in walked}) < len(walked):
-        raise DataError("two recordings have the same name, by which their persons are known: rename a file")
+    walked = _walked(tracks or [], data_root, place)
     site = walked[0][2] if walked else Site(timezone=timezone or "UTC")
     if not kept and timezone is None and find(kind or "cliff").hourly and not all(map(is_dataset, tracks or [])):
         tell_of_zone(state, "update")
@@ -130,6 +128,14 @@ def _add(kept: UpdatedMap, walked: list[tuple[str, Tracks, Site]], state: Path) 
                 f"{kept.site.timezone} and {kept.site.time_step_s:g} s"
             )
         _say(f"{name}: {kept.add(rows, name)}")
+
+
+def _walked(files: list[Path], data_root: Path, of: Site | str) -> list[tuple[str, Tracks, Site]]:
+    """The `_recordings` of several files; `DataError` where two have one name."""
+    walked = [one for file in files for one in _recordings(file, data_root, of)]
+    if len({name for name, _, _ in walked}) < len(walked):
+        raise DataError("two recordings have the same name, by which their persons are known: rename a file")
+    return walked
 
 
 def _recordings(file: Path, data_root: Path, of: Site | str) -> list[tuple[str, Tracks, Site]]:
