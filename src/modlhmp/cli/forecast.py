@@ -73,11 +73,14 @@ def forecast(
     _tell_of_unknown(futures, tracks)
     _write(futures, owners, out, best)
     if plot:
-        from modlhmp.futures_drawing import draw_futures  # noqa: PLC0415 - matplotlib
+        _draw(futures, seen, f"{Path(by).name}, {Path(tracks).name}", Path(out).with_suffix(".png"))
 
-        picture = Path(out).with_suffix(".png")
-        draw_futures(futures, seen, f"{Path(by).name}, {Path(tracks).name}", picture)
-        typer.echo(f"Written: {picture}", err=True)
+
+def _draw(futures: Any, seen: Any, title: str, picture: Path) -> None:
+    from modlhmp.futures_drawing import draw_futures  # noqa: PLC0415 - matplotlib
+
+    draw_futures(futures, seen, title, picture)
+    typer.echo(f"Written: {picture}", err=True)
 
 
 def _tell_of_unknown(futures: Any, tracks: str) -> None:
