@@ -4,6 +4,8 @@ import dataclasses
 import itertools
 import json
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -735,6 +737,23 @@ def test_what_live_has_learned_is_kept_though_it_ends_with_an_error(tmp_path, mo
     state, after = tmp_path / "state.parquet", tmp_path / "after.parquet"
     done = CliRunner().invoke(app, [*command, "--map", str(state), "--keep", str(after)])
     assert "No space left" in str(done.exception)
+    assert "live" in UpdatedMap.load(after)._state.names
+
+
+def test_what_live_has_learned_is_kept_though_it_is_terminated(tmp_path):
+    """As services end a robot's processes."""
+    state, after = tmp_path / "state.parquet", tmp_path / "after.parquet"
+    made("episodes", on_day(-1)).save(state)
+    command = [sys.executable, "-m", "modlhmp", "live", "--horizon", "2", "--map", str(state), "--keep", str(after)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        for t in range(9):
+            process.stdin.write(
+                json.dumps({"t": MONDAY.t.max() + t, "id": 1, "x": float(t), "y": 0.0}).encode() + b"\n"
+            )
+        process.stdin.flush()
+        assert process.stdout.readline()
+        process.terminate()
+        assert process.wait(60) == 130
     assert "live" in UpdatedMap.load(after)._state.names
 
 

@@ -1,6 +1,7 @@
 """The command `modlhmp`: thin over the names of the library."""
 
 import os
+import signal
 import sys
 
 import typer
@@ -12,6 +13,7 @@ from modlhmp.storage import DataError
 
 def main() -> None:
     """Run the command; an error of ours, or of the file system, is one line, and a reader that goes is no error."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so services end: as by Ctrl-C, all is tidied up
     try:
         try:
             app()

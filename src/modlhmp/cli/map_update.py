@@ -57,7 +57,7 @@ def update(
 
     Tracks may come in any order, in pieces of any size, and twice; a file's name, without its ending, names the
     recording whose ids they have. A new map that others are merged into, without tracks, is of the first one's kind,
-    site and options. What equals what is in docs/updated-maps.md.
+    site and options, and forgets nothing. What equals what is in docs/updated-maps.md.
     """
     if not (tracks or merge or remove_day or out or half_life is not None):
         raise DataError(f"{state}: nothing to do: give tracks, --merge, --remove-day, --half-life or --out")
