@@ -10,7 +10,7 @@ from planted import PLACES, people
 from modlhmp.cleaning import clean_recording
 from modlhmp.datasets import load_dataset
 from modlhmp.inspection import inspect_file
-from modlhmp.inspection.guess import guess_people
+from modlhmp.inspection.guess import guess, guess_people
 from modlhmp.storage import DataError
 
 ROWS = people(number=30, rows=25, standing=0)
@@ -224,6 +224,56 @@ def test_a_fraction_of_a_second_makes_no_person(tmp_path, name, seconds):
     told = refused(tmp_path / "a.csv")
     assert f"column {name!r}" in told
     assert "add " in told
+
+
+@pytest.mark.parametrize(
+    ("names", "times", "step_s"),
+    [
+        ("time_ms", lambda k, n: f"{40 * k}", 0.04),  # of many people: less than a second in all that is looked at
+        ("frame,ms", lambda k, n: f"{k},{40 * k % 1000}", 0.04),
+        ("t,ms", lambda k, n: f"{0.04 * k:.2f},{40 * k % 1000}", 0.04),
+        ("t,ms", lambda k, n: f"{k},{8 + n % 22}", 1.0),  # how late a detector is
+    ],
+)
+def test_milliseconds_that_are_no_fraction_of_the_times(tmp_path, names, times, step_s):
+    rng = np.random.default_rng(4)
+    start, way = rng.uniform(0, 40, (50, 2)), rng.uniform(0, 2 * np.pi, 50)
+    moves = 1.3 * step_s * np.column_stack([np.cos(way), np.sin(way)])
+    lines = [
+        f"{times(k, 50 * k + n)},{n},{x:.3f},{y:.3f}"
+        for k in range(20)
+        for n, (x, y) in enumerate((start + k * moves).tolist())
+    ]
+    (tmp_path / "a.csv").write_text("\n".join([f"{names},id,x,y", *lines]) + "\n")
+    assert guess(tmp_path / "a.csv").keys["columns"]["t"] == names.partition(",")[0]
+
+
+def test_whole_seconds_since_1970_stay_such_where_people_are_slow(tmp_path):
+    """A quarter of a metre per second in a large place; in ms and cm they would walk."""
+    rows = [f"{1351042800 + k},{n},{0.24 * k + 2 * n:.3f},{30 + 2 * n % 31:.3f}" for k in range(60) for n in range(110)]
+    (tmp_path / "a.csv").write_text("\n".join(["timestamp,id,x,y", *rows]) + "\n")
+    found = guess(tmp_path / "a.csv")
+    assert found.clock
+    assert found.keys.get("units", {}).get("time", "s") == "s"
+
+
+def test_every_reason_why_rows_are_left_out_is_told(tmp_path):
+    def line(n):
+        who = "robot_1" if PERSON[n] == 4 else PERSON[n]
+        return f"{who},{T[n]:.1f},{X[n]:.3f},{Y[n]:.3f},{'Car' if PERSON[n] == 5 else 'Adult'},{int(n % 9 == 0)}"
+
+    found = guess(file_of(tmp_path / "a.csv", line, "id,t,x,y,label,lost"))
+    assert found.keys["without"] == {"label": ["Car"], "lost": ["1"], "id": ["robot_1"]}
+    assert all(part in found.asks["without"] for part in ("Car", "lost from view", "robot_1"))
+
+
+@pytest.mark.parametrize("constant", ["date", "zone"])
+def test_a_column_that_changes_along_one_walk_makes_no_second_person(tmp_path, constant):
+    for number in range(6):
+        days = [f"2020-01-0{number + 1 + (number == 2 and k > 9)}" for k in range(60 + number)]
+        rows = (f"{0.4 * k:.2f},{0.5 * k:.3f},{number + 0.1 * k:.3f},{day}" for k, day in enumerate(days))
+        (tmp_path / f"p{number}.csv").write_text("\n".join([f"t,x,y,{constant}", *rows]) + "\n")
+    assert guess_people(sorted(tmp_path.iterdir())) is not None
 
 
 def test_times_in_milliseconds_and_whole_seconds_are_no_fractions(tmp_path):

@@ -75,7 +75,7 @@ def _by_class(sheet: Sheet, column: int, found: Chosen) -> None:
         key, chosen = ("only", people) if people else ("without", others)
         gone = sorted(kinds.keys() - people) if people else others
         found.keys.setdefault(key, {})[called] = chosen
-        found.asks[key] = f"rows of {', '.join(gone)} are left out, by their names"
+        _ask(found, key, f"rows of {', '.join(gone)} are left out, by their names")
         found.rows[:] &= np.isin(texts, chosen) == (key == "only")
     elif named or others:
         found.notes.append(f"decide: column {called!r} holds {_shown(kinds)}: if some are no people, or one id is "
@@ -91,11 +91,16 @@ def _by_id(sheet: Sheet, columns: Columns, found: Chosen) -> None:
     others = sorted(text for text in like if re.sub(r"[\W\d_]", "", text.lower()) in _OTHERS)
     if 0 < len(others) <= MOST_TEXTS and len(others) < len(set(texts)):
         found.keys.setdefault("without", {})[str(sheet.called(columns.track_id))] = others
-        found.asks["without"] = f"rows of {', '.join(others)} are left out, by their ids"
+        _ask(found, "without", f"rows of {', '.join(others)} are left out, by their ids")
         found.rows[:] &= ~np.isin(texts, others)
         like -= set(others)
     if like:
         found.notes.append(f"decide: are ids such as {_shown(like)} of people? If not, say so by `without`")
+
+
+def _ask(found: Chosen, key: str, why: str) -> None:
+    """Add a remark on a key, which several columns may have one on."""
+    found.asks[key] = f"{found.asks[key]}; {why}" if key in found.asks else why
 
 
 def _words(text: str) -> set[str]:
@@ -123,7 +128,7 @@ def _by_lost(sheet: Sheet, found: Chosen) -> None:
     lost = sorted(text for text in kinds if sheet.number(text) == 1 or text.lower() in _TRUE)
     if 0 < len(lost) < len(kinds):
         found.keys.setdefault("without", {})[str(sheet.called(column))] = lost
-        found.asks["without"] = "rows of boxes that were lost from view"
+        _ask(found, "without", "rows of boxes that were lost from view")
         found.rows[:] &= ~np.isin(texts, lost)
     elif len(kinds) > 1:
         found.notes.append(f"decide: column {sheet.called(column)!r} holds {_shown(kinds)}: if some rows are of boxes "

@@ -15,7 +15,14 @@ from modlhmp.file_format import LENGTH_M, FileFormat
 from modlhmp.inspection.chosen import choose, joint_ids
 from modlhmp.inspection.roles import Columns, Values, find_columns, one_person, pace_of, table_rows, values_of
 from modlhmp.inspection.sheet import Sheet, first_lines, read_sheet
-from modlhmp.inspection.unfit import PIXEL_M, refuse_by_names, refuse_parts_of_one, refuse_unfit, refuse_without_columns
+from modlhmp.inspection.unfit import (
+    PIXEL_M,
+    refuse_by_names,
+    refuse_fractions,
+    refuse_parts_of_one,
+    refuse_unfit,
+    refuse_without_columns,
+)
 from modlhmp.inspection.velocities import velocity_columns
 from modlhmp.readers import read_recording
 from modlhmp.readers.delimited import MAX_DISTANCE_M, SECONDS, OtherFrameError
@@ -35,6 +42,7 @@ _OTHERS_M = {"ft": FOOT_M, "km": 1000.0}  # units of length that there is no opt
 _METRES = {**LENGTH_M, **_OTHERS_M}
 SCALES = (0.002, 0.3)  # metres that a pixel may have
 PLAUSIBLE_MPS = (0.5, 2.5)  # of a unit that is taken without asking
+SLOWER = 10.0  # times slower, or faster, is nobody
 CAMERAS = (25.0, 30.0, 15.0, 10.0, 9.0, 5.0, 2.5, 1.0)  # frames per second, the commonest first
 MOST_BACK, RARELY = 10.0, 0.1  # usual steps that times may go back; share of rows in which they do, or of people
 MOST_PX = 4100  # of an image's longer side
@@ -94,8 +102,8 @@ def guess_people(files: Sequence[str | Path]) -> Guess | None:
     sheets = [read_sheet(file, first_lines(file)) for file in largest]
     if not all(map(_is_of_one, sheets)):
         return None
-    ids = _id_columns(sheets)
-    if ids and any(_are_of_several(file, ids) for file in files if file not in largest):
+    of_one = _columns_of_one(sheets[-1])
+    if of_one is None or any(_are_of_several(file, of_one, sheets) for file in files if file not in largest):
         return None
     first = sheets[-1]
     comment = next((one.comment for one in sheets if one.comment), "#")
@@ -121,23 +129,24 @@ def _columns_of_one(sheet: Sheet) -> Columns | None:
     return find_columns(sheet, values) or one_person(sheet, values)
 
 
-def _id_columns(sheets: Sequence[Sheet]) -> list[int]:
-    """Columns of ids in files of one person each: named so, or of one text in each of the sheets, in each another."""
-    columns = _columns_of_one(sheets[-1])
-    if columns is not None and "track_id" in columns.named:
-        return [columns.named["track_id"]]
-    width = min(len(sheet.rows[0]) for sheet in sheets)
-    kinds = [[{row[column] for row in sheet.rows} for sheet in sheets] for column in range(width)]
-    return [c for c, kind in enumerate(kinds) if set(map(len, kind)) == {1} and len(set.union(*kind)) == len(sheets)]
+def _are_of_several(file: str | Path, columns: Columns, sheets: Sequence[Sheet]) -> bool:
+    """Whether a file holds several people, as others, of which `sheets` are the first lines, do not.
 
-
-def _are_of_several(file: str | Path, columns: Sequence[int]) -> bool:
-    """Whether a file holds several ids in one of the columns; no table holds none, as its reader will tell."""
+    It has several ids in the column that is named so; or several texts in one that has one text in each of the sheets,
+    and times that do not go up: dates, laps and zones change along one walk, too. No table holds none, as its reader
+    will tell.
+    """
     try:
-        rows = read_sheet(file, first_lines(file)).rows
+        sheet = read_sheet(file, first_lines(file))
     except DataError:
         return False
-    return any(len({row[column] for row in rows if column < len(row)}) > 1 for column in columns)
+    several = {column for column in range(len(sheet.rows[0])) if len({row[column] for row in sheet.rows}) > 1}
+    if "track_id" in columns.named:
+        return columns.named["track_id"] in several
+    if (np.diff(values_of(sheet).numbers[:, columns.t]) > 0).all():
+        return False
+    width = min(len(one.rows[0]) for one in sheets)
+    return any(all(len({row[c] for row in one.rows}) == 1 for one in sheets) for c in several if c < width)
 
 
 def _own(column: int | str) -> int | str:
@@ -153,6 +162,7 @@ def _of_table(path: str | Path | People) -> Guess:
     columns = find_columns(sheet, values, 0 if isinstance(path, People) else None)
     if columns is None:
         refuse_without_columns(path, sheet, values)
+    refuse_fractions(path, sheet, values, columns)
     chosen = choose(sheet, values, columns)
     sheet = sheet._replace(rows=[row for row, kept in zip(sheet.rows, chosen.rows, strict=True) if kept])
     values = values.take(chosen.rows)
@@ -239,8 +249,9 @@ def _times_and_lengths(found: Guess, sheet: Sheet, values: Values, columns: Colu
     rate = float(match[1]) if (match := _RATE.search(told)) else None
     pace, extent = pace_of(rows), extent_of(rows)  # units of length per unit of time; units of length
     walking = _walking(pace, extent, length)
-    units = {unit for unit, _, _ in walking}
-    time = "iso" if columns.t in values.iso else _unit_of_time(clock, step, columns.units.get("t"), rate, units)
+    units, possible = ({unit for unit, _, _ in some} for some in (walking, _walking(pace, extent, length, SLOWER)))
+    told_unit = columns.units.get("t")
+    time = "iso" if columns.t in values.iso else _unit_of_time(clock, step, told_unit, rate, units, possible)
     if time == "iso" or (time in _UNIX and _UNIX[time][0] < np.nanmedian(clock) < _UNIX[time][1]):
         found.clock = True
     seconds = SECONDS.get(time or "", 1.0 if time == "iso" else None)
@@ -255,32 +266,32 @@ def _times_and_lengths(found: Guess, sheet: Sheet, values: Values, columns: Colu
     _length(found, pace / seconds, extent, length)
 
 
-def _walking(pace: float, extent: float, length: str | None) -> list[tuple[str, str, float]]:
-    """Units of time and length by which people walk as people do, and how fast [m/s]."""
+def _walking(pace: float, extent: float, length: str | None, wider: float = 1.0) -> list[tuple[str, str, float]]:
+    """Units of time and length by which people walk as people do, or so many times slower or faster; speeds in m/s."""
     return [
         (unit, of_length, speed)
         for unit, of_length in itertools.product(SECONDS, [length] if length else LENGTH_M)
         if (metres := _METRES.get(of_length)) is not None
         and EXTENT_M[0] <= extent * metres <= EXTENT_M[1]
-        and PLAUSIBLE_MPS[0] <= (speed := pace * metres / SECONDS[unit]) <= PLAUSIBLE_MPS[1]
+        and PLAUSIBLE_MPS[0] / wider <= (speed := pace * metres / SECONDS[unit]) <= PLAUSIBLE_MPS[1] * wider
     ]
 
 
 def _unit_of_time(
-    clock: np.ndarray, step: float, named: str | None, rate: float | None, walking: set[str]
+    clock: np.ndarray, step: float, named: str | None, rate: float | None, walking: set[str], possible: set[str]
 ) -> str | None:
     """The unit of a column of times; None for whole numbers that may be of a second, or less, or frames.
 
-    The column's name comes first, then units since 1970, but no unit by which people do not walk while they do by
-    another one (`walking`), nor one by which the usual `step` between a person's rows is too long: numbers since a
+    The column's name comes first, then units since 1970, but none by which the usual `step` between a person's rows is
+    too long, nor one since 1970 that is not `possible`, while people walk by another one (`walking`): numbers since a
     computer was started may look like times since 1970.
     """
     middle, known = float(np.nanmedian(clock)), clock[np.isfinite(clock)]
     whole = np.array_equal(known, np.rint(known))
     since_1970 = [unit for unit, (first, last) in _UNIX.items() if first < middle < last]
     told = [named] if named in SECONDS else []
-    fitting = [unit for unit in [*told, *since_1970] if step * SECONDS[unit] <= MOST_STEP_S]
-    if fitting and (told or not whole or not walking or walking & {*fitting}):
+    sensible = [*told, *(unit for unit in since_1970 if unit in possible or not walking)]
+    if fitting := [unit for unit in sensible if step * SECONDS[unit] <= MOST_STEP_S]:
         return next((unit for unit in fitting if unit in walking), fitting[0])
     if named in (*SECONDS, "frame"):
         return named

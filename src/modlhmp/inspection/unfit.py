@@ -23,30 +23,54 @@ _LONGER = {"minutes": 60.0, "hours": 3600.0, "days": 86_400.0}  # units of time 
 _NAMES_OF = {"min": "minutes", "mins": "minutes", "minute": "minutes", "hour": "hours", "hrs": "hours", "day": "days"}
 _DATE = re.compile(r"\d{1,4}([./-])\d{1,2}\1\d{1,4}([ T,].*)?")
 _CLOCK = re.compile(r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AP]M)?", re.IGNORECASE)
-_OF_A_SECOND = {  # names of what times have beyond whole seconds, and how many of it a second has
-    1e9: re.compile(r".*(nanosec|nsec|nanosecond)s?"),
+_NANOSECONDS = re.compile(r".*(nanosec|nsec|nanosecond)s?")  # names of what times have beyond whole seconds
+_OF_A_SECOND = {  # names of what may be such, and how many of it a second has
     1e6: re.compile(r"(.*stamp|time|t)?(us|usecs?|micros|micros(ec|econd)s?)"),
     1e3: re.compile(r"(.*stamp|time|t)?(ms|msecs?|millis|millis(ec|econd)s?)"),
 }
 _NUMBERED = re.compile(r"(?:pos)?_?([xy])_?(\d+)", re.IGNORECASE)
 _NUMBERED_ID = re.compile(r"(?:\w*id|ped\w*|person|agent|human|track)_?(\d+)", re.IGNORECASE)
 _SPREADSHEET = (20_000, 80_000)  # days since the last of 1899: of the years 1954 to 2119
+_REPEATED = 0.1  # of rows that have an earlier one's id and time
 _FINE = 0.02  # units of time between rows: in seconds 50 times a second, in minutes about once
 _WALKS_MPS = (0.3, 3.0)
 
 
 def refuse_by_names(path: str | Path | People, sheet: Sheet, values: Values) -> None:
-    """`DataError` where a column holds what times have beyond whole seconds, or a line several people."""
-    for column, name in enumerate(sheet.names):
-        part, plain = values.numbers[:, column], re.sub(r"[^a-z]", "", name.lower())
-        per = next((per for per, names in _OF_A_SECOND.items() if names.fullmatch(plain)), 0.0)
-        if 0 <= np.nanmin(part, initial=0) < np.nanmax(part, initial=0) < per:  # 0 alone: rows at whole seconds
-            raise DataError(
-                f"{path}: column {sheet.called(column)!r} holds what times have beyond whole seconds: add them up into "
-                "one column"
-            )
+    """`DataError` where a column holds nanoseconds beyond whole seconds, or a line several people."""
+    for column in range(len(sheet.names)):
+        if _NANOSECONDS.fullmatch(_letters(sheet, column)) and _is_below(values, column, 1e9):
+            _refuse_fraction(path, sheet, column)
     if len({match[1] for name in sheet.names if (match := _NUMBERED_ID.fullmatch(name.strip()))}) > 1:
         _refuse_several(path, sheet, least=2)
+
+
+def refuse_fractions(path: str | Path | People, sheet: Sheet, values: Values, columns: Columns) -> None:
+    """`DataError` where times are whole seconds, of which one person has several rows, told apart by a part of one."""
+    for column in set(range(len(sheet.names))) - {columns.x, columns.y, columns.t, columns.track_id}:
+        of_second, seconds = _letters(sheet, column), values.numbers[:, columns.t]
+        whole = np.array_equal(seconds, np.rint(seconds), equal_nan=True)
+        if any(names.fullmatch(of_second) and _is_below(values, column, per) for per, names in _OF_A_SECOND.items()):
+            once = np.unique(np.column_stack([values.ids(columns), seconds]), axis=0)
+            if whole and len(once) < (1 - _REPEATED) * len(seconds):
+                _refuse_fraction(path, sheet, column)
+
+
+def _letters(sheet: Sheet, column: int) -> str:
+    return re.sub(r"[^a-z]", "", sheet.names[column].lower())
+
+
+def _is_below(values: Values, column: int, most: float) -> bool:
+    """Whether a column's numbers are from 0 to below `most`, and not all one: 0 alone is of rows at whole seconds."""
+    part = values.numbers[:, column]
+    return bool(0 <= np.nanmin(part, initial=0) < np.nanmax(part, initial=0) < most)
+
+
+def _refuse_fraction(path: str | Path | People, sheet: Sheet, column: int) -> NoReturn:
+    raise DataError(
+        f"{path}: column {sheet.called(column)!r} holds what times have beyond whole seconds: add them up into one "
+        "column"
+    )
 
 
 def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Values) -> NoReturn:
@@ -54,7 +78,7 @@ def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Valu
     _refuse_several(path, sheet, least=3)
     if one_person(sheet, values) is not None:
         raise DataError(
-            f"{path}: has no column of ids: if every file is one person's, inspect its folder "
+            f"{path}: has no column of ids: if every file is one person's alone, inspect its folder "
             "(`modlhmp inspect FOLDER`); or, where a line holds several people, write one row for each person and "
             "time; else say `columns` in a dataset file"
         )
