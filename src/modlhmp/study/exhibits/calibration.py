@@ -48,7 +48,7 @@ def draw(
     note = (
         "Means in ten bins, bars: their 95 % intervals; hollow: fewer than five tracks.\n"
         "Errors: bins of equally many tracks; above the line, a method is too sure of itself; "
-        "one sample alone expects no error.\n"
+        "those of one sample alone are in no bin.\n"
         "Having left: bins of equally wide probability; above the line, more people have left than announced."
     )
     style.legend_below(fig, handles, [*(methods[method] for method in measured), "as announced"], note, most=5)
