@@ -118,7 +118,8 @@ rule measure_uncertainty:
         run=RUN.run,
         method=method_of,
         samples=RUN.uncertainty.samples,
-        drawn_again=lambda wildcards: wildcards.method not in PLAN.learned + PLAN.handed_in,
+        drawn_again=lambda wildcards: wildcards.method
+        not in PLAN.learned + PLAN.handed_in,
         dataset=settings_of(*FORECAST_KEYS),
         recordings=names_of("test"),
         seeds=lambda wildcards: SEEDS[wildcards.method],
