@@ -276,6 +276,60 @@ def test_a_column_that_changes_along_one_walk_makes_no_second_person(tmp_path, c
     assert guess_people(sorted(tmp_path.iterdir())) is not None
 
 
+@pytest.mark.parametrize("names", ["time_s,time_us", "t,time_ms"])
+def test_a_fraction_of_a_second_is_not_taken_for_the_time(tmp_path, names):
+    """Though it has more values than the seconds beside it, as those of a clock that rows do not follow."""
+    late = FAST[:, 1] + np.random.default_rng(2).uniform(0, 0.1, len(FAST))
+    per = 1e6 if names.endswith("us") else 1e3
+    lines = [
+        f"{int(t)},{t % 1 * per:.0f},{int(row[0])},{row[2]:.3f},{row[3]:.3f}"
+        for t, row in zip(late.tolist(), FAST.tolist(), strict=True)
+    ]
+    (tmp_path / "a.csv").write_text("\n".join([f"{names},id,x,y", *lines]) + "\n")
+    assert "add them up" in refused(tmp_path / "a.csv")
+
+
+def of_persons(folder, columns, line, other):
+    """A folder with a file for each of five persons, and a smaller one with lines of its own."""
+    for number in range(5):
+        lines = [line(number, 0.4 * k, 0.5 * k, number + 0.1 * k) for k in range(60 + number)]
+        (folder / f"p{number}.csv").write_text("\n".join([*columns, *lines]) + "\n")
+    (folder / "p9.csv").write_text("\n".join(other) + "\n")
+    return sorted(folder.iterdir())
+
+
+@pytest.mark.parametrize("later_s", [0, 0.2])
+def test_ids_without_a_name_that_take_turns_are_of_several_people(tmp_path, later_s):
+    """At the same times or at times of their own; and the remedy is not what was just done."""
+
+    def line(number, t, x, y):
+        return f"{number},{t:.1f},{x:.3f},{y:.3f}"
+
+    two = [line(who, 0.4 * k + later_s * (who == 8), 0.5 * k + 15 * (who == 8), 3) for k in range(15) for who in (7, 8)]
+    assert guess_people(of_persons(tmp_path, [], line, two)) is None
+    told = refused(tmp_path)
+    assert "inspect its folder" not in told
+    assert "a column `id`" in told
+
+
+def test_a_zone_that_changes_where_a_time_stands_twice_makes_no_second_person(tmp_path):
+    other = [f"{0.4 * (k - (k == 7)):.1f},{0.5 * k:.3f},{0.1 * k:.3f},{'yz'[k > 9]}" for k in range(30)]
+    files = of_persons(
+        tmp_path, ["t,x,y,zone"], lambda n, t, x, y: f"{t:.1f},{x:.3f},{y:.3f},{'abcde'[n]}", ["t,x,y,zone", *other]
+    )
+    assert guess_people(files) is not None
+
+
+def test_a_file_of_fewer_columns_among_those_of_persons_is_told_by_its_name(tmp_path):
+    of_persons(
+        tmp_path,
+        ["x,y,z,t"],
+        lambda _, t, x, y: f"{x:.3f},{y:.3f},1.7,{t:.1f}",
+        ["a,b,c", *(f"{k},1,2" for k in range(9))],
+    )
+    assert "p9.csv" in refused(tmp_path)
+
+
 def test_times_in_milliseconds_and_whole_seconds_are_no_fractions(tmp_path):
     for name, of_time in (("t_ms", lambda n: f"{1000 * T[n]:.0f}"), ("t,ms", lambda n: f"{T[n]:.0f},0")):
         path = file_of(

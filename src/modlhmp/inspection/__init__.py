@@ -18,6 +18,7 @@ from modlhmp.inspection.folder import files_in, first_day, under
 from modlhmp.inspection.guess import Guess, days_of, guess, guess_people
 from modlhmp.inspection.page import page
 from modlhmp.inspection.picture import draw, some_tracks, text_map
+from modlhmp.inspection.unfit import NoIdsError
 from modlhmp.logs import progress
 from modlhmp.plausibility import Finding
 from modlhmp.readers import read_recording
@@ -111,7 +112,14 @@ def _inspect_folder(folder: Path, data_root: str | Path) -> Inspection:
         recording = Recording(name=folder.name, path=str(folder), stored=str(files[0]), people=tuple(map(str, files)))
         return _drafted(folder, people, recording, [Path(glob.escape(str(folder)), pattern)], data_root)
     largest = max(files, key=lambda file: file.stat().st_size)
-    found = guess(largest)
+    try:
+        found = guess(largest)
+    except NoIdsError:
+        raise DataError(
+            f"{largest}: has no column of ids, and is the folder's only file, or others of it hold several people: "
+            "give every file a column `id`, or put the files of one person each in a folder of their own; a dataset "
+            "file for one such file says `file_is: person`"
+        ) from None
     recording = Recording(name=largest.stem, path=str(largest), stored=str(largest))
     return _drafted(folder, found, recording, files, data_root)
 

@@ -132,21 +132,23 @@ def _columns_of_one(sheet: Sheet) -> Columns | None:
 def _are_of_several(file: str | Path, columns: Columns, sheets: Sequence[Sheet]) -> bool:
     """Whether a file holds several people, as others, of which `sheets` are the first lines, do not.
 
-    It has several ids in the column that is named so; or several texts in one that has one text in each of the sheets,
-    and times that do not go up: dates, laps and zones change along one walk, too. No table holds none, as its reader
-    will tell.
+    It has several ids in the column that is named so; or texts that take turns in time, as dates, laps and zones do
+    not, in one that has one text in each sheet, in each another. No table holds none, as its reader will tell.
     """
     try:
         sheet = read_sheet(file, first_lines(file))
     except DataError:
         return False
-    several = {column for column in range(len(sheet.rows[0])) if len({row[column] for row in sheet.rows}) > 1}
+    values, width = values_of(sheet), min(len(one.rows[0]) for one in [sheet, *sheets])
     if "track_id" in columns.named:
-        return columns.named["track_id"] in several
-    if (np.diff(values_of(sheet).numbers[:, columns.t]) > 0).all():
+        owner = columns.named["track_id"]
+        return owner < width and len(np.unique(values.codes[:, owner])) > 1
+    if columns.t >= width:
         return False
-    width = min(len(one.rows[0]) for one in sheets)
-    return any(all(len({row[c] for row in one.rows}) == 1 for one in sheets) for c in several if c < width)
+    kinds = ([{row[column] for row in one.rows} for one in sheets] for column in range(width))
+    ids = [c for c, kind in enumerate(kinds) if set(map(len, kind)) == {1} and len(set.union(*kind)) == len(sheets)]
+    in_time = [values.codes[np.lexsort((values.codes[:, c], values.numbers[:, columns.t])), c] for c in ids]
+    return any(np.sum(np.diff(whose) != 0) > RARELY * len(whose) for whose in in_time)
 
 
 def _own(column: int | str) -> int | str:

@@ -108,6 +108,11 @@ def name_and_unit(name: str) -> tuple[str, str]:
     return (tidy, unit) if tidy in _ROLE or not unit else (re.sub(r"[^a-z0-9]", "", name.lower()), "")
 
 
+def is_time(name: str) -> bool:
+    """Whether a column's name is one of times."""
+    return _ROLE.get(name_and_unit(name)[0]) == "t"
+
+
 def find_columns(sheet: Sheet, values: Values, owner: int | None = None) -> Columns | None:
     """The columns of a table, None where no choice of them gives people who move; `owner` is that of ids, if known."""
     named, units, remarks = _named(sheet, values)

@@ -9,7 +9,7 @@ import numpy as np
 
 from modlhmp.file_format import LENGTH_M
 from modlhmp.inspection.chosen import are_one_person
-from modlhmp.inspection.roles import Columns, Values, name_and_unit, one_person, pace_of
+from modlhmp.inspection.roles import Columns, Values, is_time, name_and_unit, one_person, pace_of
 from modlhmp.inspection.sheet import Sheet
 from modlhmp.plausibility import are_clock_digits
 from modlhmp.readers.raw import People
@@ -36,6 +36,10 @@ _FINE = 0.02  # units of time between rows: in seconds 50 times a second, in min
 _WALKS_MPS = (0.3, 3.0)
 
 
+class NoIdsError(DataError):
+    """A table has times and positions, but no column of ids."""
+
+
 def refuse_by_names(path: str | Path | People, sheet: Sheet, values: Values) -> None:
     """`DataError` where a column holds nanoseconds beyond whole seconds, or a line several people."""
     for column in range(len(sheet.names)):
@@ -46,14 +50,24 @@ def refuse_by_names(path: str | Path | People, sheet: Sheet, values: Values) -> 
 
 
 def refuse_fractions(path: str | Path | People, sheet: Sheet, values: Values, columns: Columns) -> None:
-    """`DataError` where times are whole seconds, of which one person has several rows, told apart by a part of one."""
-    for column in set(range(len(sheet.names))) - {columns.x, columns.y, columns.t, columns.track_id}:
-        of_second, seconds = _letters(sheet, column), values.numbers[:, columns.t]
-        whole = np.array_equal(seconds, np.rint(seconds), equal_nan=True)
+    """`DataError` where times are whole seconds, of which one person has several rows, told apart by a part of one.
+
+    The part may have been taken for the time itself, where another column that is named so holds the seconds.
+    """
+    ids = values.ids(columns)
+    for column in set(range(len(sheet.names))) - {columns.x, columns.y, columns.track_id}:
+        of_second = _letters(sheet, column)
         if any(names.fullmatch(of_second) and _is_below(values, column, per) for per, names in _OF_A_SECOND.items()):
-            once = np.unique(np.column_stack([values.ids(columns), seconds]), axis=0)
-            if whole and len(once) < (1 - _REPEATED) * len(seconds):
+            clocks = [columns.t] if column != columns.t else [c for c, name in enumerate(sheet.names) if is_time(name)]
+            if any(_stand_still(ids, values.numbers[:, clock]) for clock in clocks):
                 _refuse_fraction(path, sheet, column)
+
+
+def _stand_still(ids: np.ndarray, seconds: np.ndarray) -> bool:
+    """Whether times are whole seconds, more than one, of which one person has several rows."""
+    whole = np.array_equal(seconds, np.rint(seconds), equal_nan=True)
+    once = np.unique(np.column_stack([ids, seconds]), axis=0)
+    return whole and len(np.unique(seconds)) > 1 and len(once) < (1 - _REPEATED) * len(seconds)
 
 
 def _letters(sheet: Sheet, column: int) -> str:
@@ -77,7 +91,7 @@ def refuse_without_columns(path: str | Path | People, sheet: Sheet, values: Valu
     """`DataError` for a table in which no choice of id, time, x and y gives people who move."""
     _refuse_several(path, sheet, least=3)
     if one_person(sheet, values) is not None:
-        raise DataError(
+        raise NoIdsError(
             f"{path}: has no column of ids: if every file is one person's alone, inspect its folder "
             "(`modlhmp inspect FOLDER`); or, where a line holds several people, write one row for each person and "
             "time; else say `columns` in a dataset file"
