@@ -10,14 +10,11 @@ import numpy as np
 from modlhmp.inspection.roles import Columns, Values, name_and_unit, table_rows
 from modlhmp.inspection.sheet import Sheet
 from modlhmp.motion import returned_to
-from modlhmp.speed_units import extent_of
-from modlhmp.tracks import Tracks
 
 LEAST_ROWS = 3
 LEAST_SHARE = 0.01  # of rows that one position, or of rows that stand twice at a time, must have
-REPEATED = 0.1
+REPEATED = 0.1  # so many rows of an id and time of an earlier one are no accident
 MOST_TEXTS = 30  # of a column of classes
-CLOSE = 0.1  # of the place's longer side
 LARGEST = 1000  # of a number that makes an id together with another one
 _PEOPLE = {"pedestrian", "pedestrians", "person", "persons", "people", "ped", "human", "humans", "walker"}
 _OTHERS = {
@@ -155,7 +152,7 @@ def _plain(value: float) -> float | int:
 def joint_ids(values: Values, columns: Columns) -> int | None:
     """The column that makes an id together with that of ids, where an id alone stands twice at a time; None else."""
     ids, t = values.ids(columns), values.numbers[:, columns.t]
-    if columns.track_id is None or _repeated(ids, t) <= REPEATED:
+    if columns.track_id is None or repeated_share(ids, t) <= REPEATED:
         return None
     found = []
     for column in set(range(values.codes.shape[1])) - {columns.track_id, columns.t, columns.x, columns.y}:
@@ -165,22 +162,12 @@ def joint_ids(values: Values, columns: Columns) -> int | None:
         steady = (np.diff(codes) != 0).mean() < LEAST_SHARE  # such as a date
         if not (small or steady) or not 2 <= kinds <= MOST_TEXTS:
             continue
-        if (repeated := _repeated(ids * len(codes) + codes, t)) <= LEAST_SHARE:
+        if (repeated := repeated_share(ids * len(codes) + codes, t)) <= LEAST_SHARE:
             found.append((repeated, kinds, column))
     return min(found)[2] if found else None
 
 
-def are_one_person(rows: Tracks) -> bool:
-    """Whether rows of one id and time are close together, as of one person's body, or within one second.
-
-    Those of several people, say on two floors, are anywhere in the place. `rows` are in the file's own units.
-    """
-    same = (np.diff(rows.track_id) == 0) & (np.diff(rows.t) == 0)
-    apart = np.hypot(np.diff(rows.x), np.diff(rows.y))[same]
-    return len(apart) > 0 and float(np.median(apart)) < CLOSE * extent_of(rows)
-
-
-def _repeated(ids: np.ndarray, t: np.ndarray) -> float:
+def repeated_share(ids: np.ndarray, t: np.ndarray) -> float:
     """The share of rows with the id and time of an earlier one."""
     order = np.lexsort((t, ids))
     return float(((np.diff(ids[order]) == 0) & (np.diff(t[order]) == 0)).mean()) if len(ids) > 1 else 0.0

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from modlhmp.file_format import LENGTH_M, FileFormat
+from modlhmp.ids import NOBODYS
 from modlhmp.inspection.chosen import choose, joint_ids
 from modlhmp.inspection.roles import Columns, Values, find_columns, one_person, pace_of, table_rows, values_of
 from modlhmp.inspection.sheet import Sheet, first_lines, read_sheet
@@ -100,12 +101,12 @@ def guess_people(files: Sequence[str | Path]) -> Guess | None:
             return None
     largest = sorted(files, key=lambda file: Path(file).stat().st_size)[-3:]
     sheets = [read_sheet(file, first_lines(file)) for file in largest]
-    if not all(map(_is_of_one, sheets)):
+    first, of_one = sheets[-1], [_columns_of_one(sheet) for sheet in sheets]
+    last = of_one[-1]
+    if last is None or None in of_one:
         return None
-    of_one = _columns_of_one(sheets[-1])
-    if of_one is None or any(_are_of_several(file, of_one, sheets) for file in files if file not in largest):
+    if any(_are_of_several(file, last, sheets) for file in files if file not in largest):
         return None
-    first = sheets[-1]
     comment = next((one.comment for one in sheets if one.comment), "#")
     found = _of_table(People(tuple(map(str, files)), first.separator or " ", first.header, first.skip_lines, comment))
     if isinstance(found.keys["columns"]["track_id"], list):  # another column tells several people of a file apart
@@ -118,15 +119,11 @@ def guess_people(files: Sequence[str | Path]) -> Guess | None:
     return found
 
 
-def _is_of_one(sheet: Sheet) -> bool:
-    """Whether all rows of a table are of one person."""
-    columns = _columns_of_one(sheet)
-    return columns is not None and len(np.unique(values_of(sheet).ids(columns))) == 1
-
-
 def _columns_of_one(sheet: Sheet) -> Columns | None:
+    """The columns of a table, if all its rows are of one person."""
     values = values_of(sheet)
-    return find_columns(sheet, values) or one_person(sheet, values)
+    columns = find_columns(sheet, values) or one_person(sheet, values)
+    return columns if columns is not None and len(np.unique(values.ids(columns))) == 1 else None
 
 
 def _are_of_several(file: str | Path, columns: Columns, sheets: Sequence[Sheet]) -> bool:
@@ -168,9 +165,9 @@ def _of_table(path: str | Path | People) -> Guess:
     chosen = choose(sheet, values, columns)
     sheet = sheet._replace(rows=[row for row, kept in zip(sheet.rows, chosen.rows, strict=True) if kept])
     values = values.take(chosen.rows)
-    followed = values  # without rows of -1, who is nobody and may stand many times at one time
+    followed = values  # without rows of nobody, who may stand many times at one time
     if columns.track_id is not None:
-        followed = values.take(values.numbers[:, columns.track_id] != -1)
+        followed = values.take(values.numbers[:, columns.track_id] != NOBODYS)
     other = joint_ids(followed, columns)
     found = Guess(_layout(sheet) | chosen.keys, sheet.asks | chosen.asks, notes=[*sheet.notes, *chosen.notes])
     found.keys["columns"] = {role: sheet.called(getattr(columns, role)) for role in ("track_id", "t", "x", "y")}

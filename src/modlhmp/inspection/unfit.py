@@ -8,7 +8,7 @@ from typing import NoReturn
 import numpy as np
 
 from modlhmp.file_format import LENGTH_M
-from modlhmp.inspection.chosen import are_one_person
+from modlhmp.inspection.chosen import REPEATED, repeated_share
 from modlhmp.inspection.roles import Columns, Values, is_time, name_and_unit, one_person, pace_of
 from modlhmp.inspection.sheet import Sheet
 from modlhmp.plausibility import are_clock_digits
@@ -31,7 +31,7 @@ _OF_A_SECOND = {  # names of what may be such, and how many of it a second has
 _NUMBERED = re.compile(r"(?:pos)?_?([xy])_?(\d+)", re.IGNORECASE)
 _NUMBERED_ID = re.compile(r"(?:\w*id|ped\w*|person|agent|human|track)_?(\d+)", re.IGNORECASE)
 _SPREADSHEET = (20_000, 80_000)  # days since the last of 1899: of the years 1954 to 2119
-_REPEATED = 0.1  # of rows that have an earlier one's id and time
+_CLOSE = 0.1  # of the place's longer side
 _FINE = 0.02  # units of time between rows: in seconds 50 times a second, in minutes about once
 _WALKS_MPS = (0.3, 3.0)
 
@@ -66,8 +66,7 @@ def refuse_fractions(path: str | Path | People, sheet: Sheet, values: Values, co
 def _stand_still(ids: np.ndarray, seconds: np.ndarray) -> bool:
     """Whether times are whole seconds, more than one, of which one person has several rows."""
     whole = np.array_equal(seconds, np.rint(seconds), equal_nan=True)
-    once = np.unique(np.column_stack([ids, seconds]), axis=0)
-    return whole and len(np.unique(seconds)) > 1 and len(once) < (1 - _REPEATED) * len(seconds)
+    return whole and len(np.unique(seconds)) > 1 and repeated_share(ids, seconds) > REPEATED
 
 
 def _letters(sheet: Sheet, column: int) -> str:
@@ -111,7 +110,7 @@ def refuse_parts_of_one(path: str | Path | People, sheet: Sheet, owner: int, oth
 
     `owner` is the column of ids; `rows` are the table's in its own units.
     """
-    if not are_one_person(rows):
+    if not _are_one_person(rows):
         return
     called, texts = sheet.called(other), sorted({row[other] for row in sheet.rows})
     together = f"; if they are people who walk together, say `columns: {{track_id: [{sheet.called(owner)}, {called}]}}`"
@@ -122,6 +121,16 @@ def refuse_parts_of_one(path: str | Path | People, sheet: Sheet, owner: int, oth
         f"({', '.join(texts[:4])}). If it is a part of the time, add it to the column of times; if it is of cameras or "
         f"of parts of a body, keep one of them by `only: {{{called}: [{texts[0]}]}}`{together}, in a dataset file"
     )
+
+
+def _are_one_person(rows: Tracks) -> bool:
+    """Whether rows of one id and time are close together, as of one person's body, or within one second.
+
+    Those of several people, say on two floors, are anywhere in the place. `rows` are in the file's own units.
+    """
+    same = (np.diff(rows.track_id) == 0) & (np.diff(rows.t) == 0)
+    apart = np.hypot(np.diff(rows.x), np.diff(rows.y))[same]
+    return len(apart) > 0 and float(np.median(apart)) < _CLOSE * extent_of(rows)
 
 
 def refuse_unfit(path: str | Path | People, sheet: Sheet, values: Values, columns: Columns, rows: Tracks) -> None:
